@@ -1,0 +1,180 @@
+"""Settings: one dataclass for each node; its fields are the node's ROS parameters.
+
+The same YAML file (ROS parameter syntax) serves the nodes, launch and `--direct`:
+`config/stack_counter.yaml` is the documented default of every setting.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+from stack_counter.errors import ConfigError
+
+NAMESPACE = "/stack_counter"
+
+
+def _setting(default: Any, doc: str, low: float | None = None, high: float | None = None,
+             choices: tuple[str, ...] = ()) -> Any:
+    """A dataclass field that carries its description and its range."""
+    return field(default=default,
+                 metadata={"doc": doc, "low": low, "high": high, "choices": choices})
+
+
+@dataclass(frozen=True)
+class CollectorConfig:
+    """Which topics a camera speaks on, and which images are worth keeping."""
+
+    world_frame: str = _setting("base_link", "frame of the poses, z up")
+    color_topic: str = _setting("/camera/color/image_raw", "colour images, without /compressed")
+    color_transport: str = _setting("raw", "how colour images come", choices=("raw", "compressed"))
+    camera_info_topic: str = _setting("/camera/color/camera_info", "calibration of all images")
+    depth_topic: str = _setting("/camera/aligned_depth_to_color/image_raw",
+                                "depth aligned to colour; empty: none")
+    labels_topic: str = _setting("", "mono8 label images aligned to colour; empty: none")
+    pose_source: str = _setting("tf", "where poses come from", choices=("tf", "topic"))
+    pose_topic: str = _setting("/camera/pose",
+                               "PoseStamped of the optical frame, if pose_source is topic")
+    reliable: bool = _setting(True, "ask camera topics for reliable delivery; set false for a "
+                                    "driver that publishes best effort")
+    tf_max_gap_s: float = _setting(0.1, "widest gap between TF samples to interpolate in, s",
+                                   0.0, 10.0)
+    tf_timeout_s: float = _setting(2.0, "longest wait for the TF after an image, s", 0.0, 60.0)
+    sync_tolerance_s: float = _setting(0.005, "stamp difference of images of one view, s",
+                                       0.0, 1.0)
+    min_motion_m: float = _setting(0.005, "a moving camera must move this far for another view, "
+                                          "m", 0.0, 1.0)
+    min_motion_rad: float = _setting(0.02, "or turn this far, rad", 0.0, math.pi)
+    min_change: float = _setting(2.0, "mean grey-level change for another view of a fixed camera",
+                                 0.0, 255.0)
+    min_sharpness: float = _setting(2.0, "variance of the Laplacian below which an image is "
+                                         "blurred, grey levels squared", 0.0, 10000.0)
+
+
+@dataclass(frozen=True)
+class ReconstructorConfig:
+    """From views to V."""
+
+    min_views: int = _setting(3, "fewest views for a volume", 1, 1000)
+    max_views: int = _setting(200, "views beyond this number are skipped", 1, 10000)
+    voxel_size: float = _setting(0.002, "side of a voxel, m", 0.0002, 0.1)
+    trunc_voxels: float = _setting(4.0, "sdf_trunc in voxels", 1.0, 20.0)
+    depth_min: float = _setting(0.1, "nearest depth used, m", 0.0, 10.0)
+    depth_trunc: float = _setting(3.0, "farthest depth used, m", 0.1, 20.0)
+    roi_center_m: tuple[float, ...] = _setting((0.0, 0.0, 0.0),
+                                               "centre of the region of interest, world, m")
+    roi_size_m: tuple[float, ...] = _setting((0.0, 0.0, 0.0),
+                                             "its size along world x y z, m; zeros: found", 0.0)
+    container_kind: str = _setting("auto", "what holds the parts", choices=("auto", "box", "none"))
+    container_inner_size_m: tuple[float, ...] = _setting(
+        (0.0, 0.0, 0.0), "inner x, y and floor-to-rim height, m; zeros: measured", 0.0)
+    container_wall_m: float = _setting(0.0, "wall thickness, m; 0: measured", 0.0, 0.2)
+    container_floor_m: float = _setting(0.0, "floor thickness, m; 0: the wall's", 0.0, 0.2)
+    container_xyyaw: tuple[float, ...] = _setting(
+        (), "x, y (m, world) and yaw (rad) of the container; empty: found")
+    hull_min_share: float = _setting(0.5, "share of the views that must see a voxel for it to "
+                                          "stand, when there is no depth", 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class CounterConfig:
+    """From V to a count."""
+
+    part: str = _setting("", "name of the part in config/parts.yaml")
+    unit_volume_m3: float = _setting(0.0, "volume of one part, m3; 0: the part's", 0.0)
+    estimator: str = _setting("depth_corrected", "what says gamma",
+                              choices=("depth_corrected", "depth_extrapolated", "prior"))
+    weights: str = _setting("", "safetensors file of the estimator; empty: the shipped one")
+    confidence: float = _setting(0.9, "probability that the interval holds the true count",
+                                 0.01, 0.999)
+
+
+@dataclass(frozen=True)
+class Config:
+    """All settings of the three nodes."""
+
+    collector: CollectorConfig = CollectorConfig()
+    reconstructor: ReconstructorConfig = ReconstructorConfig()
+    counter: CounterConfig = CounterConfig()
+
+
+Section = TypeVar("Section", CollectorConfig, ReconstructorConfig, CounterConfig)
+
+
+def build(section: type[Section], values: dict[str, Any]) -> Section:
+    """A checked settings object.
+
+    Args:
+        section: one of the settings classes.
+        values: settings by name; the others keep their defaults.
+
+    Raises:
+        ConfigError: unknown name, wrong type or value out of range.
+    """
+    fields = {f.name: f for f in dataclasses.fields(section)}
+    checked = {}
+    for name, value in values.items():
+        if name not in fields:
+            raise ConfigError(f"unknown setting '{name}'; expected one of {sorted(fields)}")
+        checked[name] = _checked(fields[name], value)
+    return section(**checked)
+
+
+def _checked(setting: dataclasses.Field, value: Any) -> Any:
+    default, meta = setting.default, setting.metadata
+    if isinstance(default, tuple):
+        if not isinstance(value, (list, tuple)) or any(
+                isinstance(x, bool) or not isinstance(x, (int, float)) for x in value):
+            raise ConfigError(f"{setting.name} is {value!r}; expected a list of numbers")
+        if len(value) not in (3, len(default)):
+            raise ConfigError(f"{setting.name} has {len(value)} numbers; expected 3")
+        value = tuple(float(x) for x in value)
+        numbers = value
+    elif isinstance(default, float) and isinstance(value, (int, float)) \
+            and not isinstance(value, bool):
+        value = float(value)
+        numbers = (value,)
+    elif type(value) is not type(default):
+        raise ConfigError(f"{setting.name} is {value!r}; expected {type(default).__name__}")
+    else:
+        numbers = (value,) if isinstance(value, int) and not isinstance(value, bool) else ()
+    low, high = meta["low"], meta["high"]
+    for number in numbers:
+        if not math.isfinite(number) or (low is not None and number < low) \
+                or (high is not None and number > high):
+            raise ConfigError(f"{setting.name} is {value}; expected {low} to {high}")
+    if meta["choices"] and value not in meta["choices"]:
+        raise ConfigError(f"{setting.name} is '{value}'; expected one of {meta['choices']}")
+    return value
+
+
+def load(path: Path) -> Config:
+    """Settings from a ROS parameter file; nodes it does not name keep their defaults.
+
+    Raises:
+        ConfigError: not YAML, unknown node or setting, value out of range.
+        FileNotFoundError: no such file.
+    """
+    try:
+        document = yaml.safe_load(Path(path).read_text()) or {}
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} is not YAML: {str(error).splitlines()[0]}") from error
+    if not isinstance(document, dict):
+        raise ConfigError(f"{path} holds {type(document).__name__}; expected node names with "
+                          "ros__parameters")
+    sections = {}
+    for node, body in document.items():
+        name = str(node).removeprefix(NAMESPACE).strip("/")
+        section = {f.name: type(f.default) for f in dataclasses.fields(Config)}.get(name)
+        if section is None:
+            raise ConfigError(f"{path} names node '{node}'; expected {NAMESPACE}/collector, "
+                              f"{NAMESPACE}/reconstructor or {NAMESPACE}/counter")
+        if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
+            raise ConfigError(f"{path}: '{node}' lacks ros__parameters")
+        sections[name] = build(section, body["ros__parameters"])
+    return Config(**sections)

@@ -1,0 +1,40 @@
+"""Errors: one class for each cause that a caller can act on.
+
+Every message holds the value seen and the value expected, on one line.
+"""
+
+
+class StackCounterError(Exception):
+    """Base of all errors raised on purpose by this package."""
+
+
+class ConfigError(StackCounterError):
+    """A setting is missing, unknown or out of range. The user mends the configuration."""
+
+
+class PartError(StackCounterError):
+    """The part is unknown or its unit volume is not a positive number. The user names another."""
+
+
+class BagError(StackCounterError):
+    """A recording cannot be read or lacks what a count needs. The user records again."""
+
+
+class ScanError(StackCounterError):
+    """The views of a scan do not suffice for a count. The caller scans again."""
+
+
+class WeightsError(StackCounterError):
+    """A weights file is missing, damaged or of another estimator. The user names another file."""
+
+
+class ViewError(StackCounterError):
+    """One view is refused; the scan goes on without it.
+
+    Attributes:
+        reason: short slug under which the view is counted as skipped, e.g. ``no_tf``.
+    """
+
+    def __init__(self, reason: str, message: str):
+        super().__init__(f"{reason}: {message}")
+        self.reason = reason

@@ -1,0 +1,161 @@
+"""SE(3), projection and rectification in numpy; `T_a_b` maps points of b into a (REP-103)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from stack_counter.errors import ViewError
+from stack_counter.types import UNSEEN, Intrinsics, View
+
+_MODELS = {"": 0, "none": 0, "plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+
+
+def pose(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
+    """(4, 4) transform from a (3, 3) rotation and a (3,) translation in metres."""
+    T = np.eye(4)
+    T[:3, :3] = rotation
+    T[:3, 3] = translation
+    return T
+
+
+def inverse(T: np.ndarray) -> np.ndarray:
+    """Inverse of a rigid (4, 4) transform."""
+    return pose(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
+
+
+def apply(T: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(..., 3) points mapped by a (4, 4) transform."""
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+def pose_from_quaternion(quaternion: np.ndarray, translation: np.ndarray) -> np.ndarray:
+    """(4, 4) transform from a quaternion (x, y, z, w) and a translation in metres.
+
+    Raises:
+        ViewError: reason `bad_pose`, for values that are not finite or a norm off 1 by over 1%.
+    """
+    q, t = np.asarray(quaternion, float), np.asarray(translation, float)
+    norm = float(np.linalg.norm(q))
+    if not (np.isfinite(q).all() and np.isfinite(t).all() and abs(norm - 1) < 0.01):
+        raise ViewError("bad_pose", f"quaternion {q.tolist()} with translation {t.tolist()}; "
+                                    "expected finite numbers and a norm of 1")
+    x, y, z, w = q / norm
+    rotation = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])
+    return pose(rotation, t)
+
+
+def quaternion_from_pose(T: np.ndarray) -> np.ndarray:
+    """(4,) quaternion (x, y, z, w), w >= 0, of the rotation of a (4, 4) transform."""
+    R = T[:3, :3]
+    # Largest of the four squared components first: stable at every angle (Shepperd, 1978).
+    squares = np.array([1 + R[0, 0] - R[1, 1] - R[2, 2], 1 - R[0, 0] + R[1, 1] - R[2, 2],
+                        1 - R[0, 0] - R[1, 1] + R[2, 2], 1 + R[0, 0] + R[1, 1] + R[2, 2]])
+    k = int(np.argmax(squares))
+    sums = np.array([
+        [squares[0], R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[2, 1] - R[1, 2]],
+        [R[0, 1] + R[1, 0], squares[1], R[1, 2] + R[2, 1], R[0, 2] - R[2, 0]],
+        [R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], squares[2], R[1, 0] - R[0, 1]],
+        [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], squares[3]],
+    ])
+    q = sums[k] / np.linalg.norm(sums[k])
+    return q if q[3] >= 0 else -q
+
+
+def look_at(eye: np.ndarray, target: np.ndarray, up: np.ndarray = np.array([0.0, 0, 1])
+            ) -> np.ndarray:
+    """T_world_camera of a camera at `eye` whose optical axis (z) meets `target`."""
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, up)
+    if np.linalg.norm(right) < 1e-6:  # straight up or down: image x along world x
+        right = np.array([1.0, 0, 0])
+    right = right / np.linalg.norm(right)
+    return pose(np.stack([right, np.cross(forward, right), forward], axis=1), eye)
+
+
+def project(points: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, np.ndarray]:
+    """Pinhole projection.
+
+    Args:
+        points: (..., 3) metres, optical frame.
+
+    Returns:
+        (..., 2) pixel coordinates (x, y) and (...) depth in metres; pixels are not finite or
+        meaningless where depth <= 0.
+    """
+    z = points[..., 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = points[..., 0] / z * intrinsics.fx + intrinsics.cx
+        v = points[..., 1] / z * intrinsics.fy + intrinsics.cy
+    return np.stack([u, v], axis=-1), z
+
+
+def unproject(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
+    """(h, w, 3) float32 optical-frame points, metres, of an (h, w) depth image in metres."""
+    v, u = np.mgrid[:depth.shape[0], :depth.shape[1]].astype(np.float32)
+    x = (u - np.float32(intrinsics.cx)) / np.float32(intrinsics.fx)
+    y = (v - np.float32(intrinsics.cy)) / np.float32(intrinsics.fy)
+    return np.stack([x * depth, y * depth, depth], axis=-1)
+
+
+def pose_change(T_a: np.ndarray, T_b: np.ndarray) -> tuple[float, float]:
+    """Distance in metres and angle in radians between two poses."""
+    cosine = (np.trace(T_a[:3, :3].T @ T_b[:3, :3]) - 1) / 2
+    return (float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3])),
+            float(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def check_intrinsics(intrinsics: Intrinsics) -> None:
+    """Refuses a calibration that cannot be one.
+
+    Raises:
+        ViewError: reason `bad_intrinsics`.
+    """
+    k = intrinsics
+    values = np.array([k.fx, k.fy, k.cx, k.cy, *k.distortion], float)
+    if not np.isfinite(values).all() or k.fx <= 0 or k.fy <= 0:
+        raise ViewError("bad_intrinsics", f"fx {k.fx}, fy {k.fy}, cx {k.cx}, cy {k.cy}; "
+                                          "expected finite numbers, focal lengths above 0")
+    if k.width <= 0 or k.height <= 0:
+        raise ViewError("bad_intrinsics", f"image size {k.width}x{k.height}; expected above 0")
+    if k.distortion_model not in _MODELS:
+        raise ViewError("bad_intrinsics", f"distortion model '{k.distortion_model}'; expected "
+                                          f"one of {sorted(m for m in _MODELS if m)}")
+
+
+def rectify(view: View) -> View:
+    """The view as a distortion-free pinhole camera of the same K and size would have taken it.
+
+    Depth and labels are resampled without mixing neighbours.
+
+    Raises:
+        ViewError: reason `bad_intrinsics`.
+    """
+    k = view.intrinsics
+    check_intrinsics(k)
+    pinhole = replace(k, distortion_model="", distortion=())
+    if not np.any(k.distortion):
+        return replace(view, intrinsics=pinhole)
+    coefficients = np.array(k.distortion[:_MODELS[k.distortion_model] or None], float)
+    size = (k.width, k.height)
+    if k.distortion_model == "equidistant":
+        maps = cv2.fisheye.initUndistortRectifyMap(k.K, coefficients, np.eye(3), k.K, size,
+                                                   cv2.CV_32FC1)
+    else:
+        maps = cv2.initUndistortRectifyMap(k.K, coefficients, np.eye(3), k.K, size, cv2.CV_32FC1)
+
+    def warp(image: np.ndarray | None, how: int, outside: int = 0) -> np.ndarray | None:
+        if image is None:
+            return None
+        return cv2.remap(image, maps[0], maps[1], how, borderMode=cv2.BORDER_CONSTANT,
+                         borderValue=outside)
+
+    return replace(view, intrinsics=pinhole, color=warp(view.color, cv2.INTER_LINEAR),
+                   depth=warp(view.depth, cv2.INTER_NEAREST),
+                   labels=warp(view.labels, cv2.INTER_NEAREST, UNSEEN))

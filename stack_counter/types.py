@@ -1,0 +1,223 @@
+"""The nouns of the package as frozen dataclasses: SI units, optical camera frames, z-up world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+BACKGROUND, CONTAINER, PARTS = 0, 1, 2  # the values of a label image
+UNSEEN = 255  # pixels that a rectified label image has and the camera had not
+CONTAINER_KINDS = ("box", "none", "hull")  # hull: only an outline is known, no inner surface
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """Camera calibration, as in `sensor_msgs/CameraInfo`.
+
+    Attributes:
+        width, height: image size, pixels.
+        fx, fy, cx, cy: pinhole parameters, pixels; pixel centres lie on whole numbers.
+        distortion_model: `plumb_bob`, `rational_polynomial`, `equidistant`, or "" for none.
+        distortion: coefficients in OpenCV's order; empty or all zero for none.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion_model: str = ""
+    distortion: tuple[float, ...] = ()
+
+    @property
+    def K(self) -> np.ndarray:
+        """(3, 3) float64 camera matrix, pixels."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], float)
+
+
+@dataclass(frozen=True)
+class View:
+    """One posed image.
+
+    Attributes:
+        stamp_ns: time of exposure, ns.
+        intrinsics: calibration of all the images below.
+        T_world_camera: (4, 4) float64, camera in its optical frame (x right, y down, z forward).
+        color: (h, w, 3) uint8 RGB, or None.
+        depth: (h, w) float32, metres along optical z, 0 where invalid, or None.
+        labels: (h, w) uint8 label image (0 background, 1 container, 2 parts), or None.
+        camera: name of the optical frame.
+        fixed: the camera cannot move (its pose comes from static transforms alone).
+    """
+
+    stamp_ns: int
+    intrinsics: Intrinsics
+    T_world_camera: np.ndarray
+    color: np.ndarray | None = None
+    depth: np.ndarray | None = None
+    labels: np.ndarray | None = None
+    camera: str = ""
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class Container:
+    """What holds the parts.
+
+    Attributes:
+        kind: one of `CONTAINER_KINDS`.
+        T_world_container: (4, 4) float64; origin at the centre of the bottom, on the support
+            plane; z up; x along the first inner side.
+        inner_size_m: inner x, y and height from inner floor to rim, metres; zeros for `none`.
+        wall_thickness_m, floor_thickness_m: metres.
+    """
+
+    kind: str
+    T_world_container: np.ndarray
+    inner_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    wall_thickness_m: float = 0.0
+    floor_thickness_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """Heights over a regular grid.
+
+    Attributes:
+        T_world_map: (4, 4) float64; cell (row, col) covers x in [col, col + 1) * pitch and
+            y in [row, row + 1) * pitch of the map frame, z up, z = 0 on the support plane.
+        pitch: side of a cell, metres.
+        heights: (rows, cols) float32, metres along map z; NaN where not valid.
+    """
+
+    T_world_map: np.ndarray
+    pitch: float
+    heights: np.ndarray
+
+
+@dataclass(frozen=True)
+class KeyView:
+    """The view that shows the most parts, cropped to them (paper, section 3.2).
+
+    Attributes:
+        stamp_ns: of the view.
+        intrinsics: of the crop (principal point shifted), no distortion.
+        T_world_camera: (4, 4) float64.
+        part_pixels: number of pixels labelled parts.
+        labels: (h, w) uint8 label image of the crop.
+        depth: (h, w) float32 metres of the crop, 0 where invalid; None without depth.
+        color: (h, w, 3) uint8 RGB of the crop, or None.
+    """
+
+    stamp_ns: int
+    intrinsics: Intrinsics
+    T_world_camera: np.ndarray
+    part_pixels: int
+    labels: np.ndarray
+    depth: np.ndarray | None = None
+    color: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class ViewTally:
+    """How many views came, were used, and were skipped for which reason."""
+
+    received: int = 0
+    used: int = 0
+    skipped: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles: vertices (n, 3) float32 metres, world; triangles (m, 3) int32; colours (n, 3)
+    uint8 RGB or None."""
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    colors: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class StackVolume:
+    """The stack as reconstructed from one scan.
+
+    Attributes:
+        stamp_ns: stamp of the last view used.
+        stack_volume, stack_volume_std: V and its standard deviation, m3.
+        container: fitted or configured.
+        fill_level: min, mean and max of the filled share of the inner height; zeros if unknown.
+        coverage: share of the interior's footprint that some view saw, 0 to 1.
+        top: highest surface inside the rim opening; None where only a hull is known.
+        inner: inner surface of the container (floor) on the same grid.
+        key_view: None if no view showed parts.
+        views: tally of the scan so far.
+        reasons: slugs that qualify the result, e.g. `no_depth`.
+        seconds: time spent by stage, s.
+        mesh: carved surface, world frame, for display.
+    """
+
+    stamp_ns: int
+    stack_volume: float
+    stack_volume_std: float
+    container: Container
+    fill_level: tuple[float, float, float]
+    coverage: float
+    top: HeightMap | None
+    inner: HeightMap | None
+    key_view: KeyView | None
+    views: ViewTally
+    reasons: tuple[str, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
+    mesh: Mesh | None = None
+
+
+@dataclass(frozen=True)
+class OccupancyEstimate:
+    """gamma with its relative error.
+
+    Attributes:
+        gamma: estimated occupancy ratio, 0 to 1.
+        gamma_std: its standard deviation.
+        ratio_quantiles: (q,) float64, evenly spaced quantiles of true gamma / estimated gamma on
+            the data the estimator was fitted on, shapes left out; the interval comes from these.
+        estimator: name, e.g. `depth_corrected (baseline)`.
+        reasons: slugs that qualify the estimate.
+    """
+
+    gamma: float
+    gamma_std: float
+    ratio_quantiles: np.ndarray
+    estimator: str
+    reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class StackCount:
+    """The answer: how many parts, and how sure.
+
+    Attributes:
+        count: parts in the stack.
+        count_interval: (low, high) with low <= count <= high.
+        confidence: probability that the interval holds the true count.
+        gamma, gamma_std: occupancy ratio and its standard deviation.
+        unit_volume: volume of one part, m3.
+        volume: what gamma was multiplied with.
+        estimator: who said gamma.
+        status: `ok`, or `degraded` when a reason weakens the count.
+        reasons: slugs.
+        seconds: time spent by stage, s.
+    """
+
+    count: int
+    count_interval: tuple[int, int]
+    confidence: float
+    gamma: float
+    gamma_std: float
+    unit_volume: float
+    volume: StackVolume
+    estimator: str
+    status: str = "ok"
+    reasons: tuple[str, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
