@@ -63,7 +63,7 @@ class ReconstructorConfig:
     min_views: int = _setting(3, "fewest views for a volume", 1, 1000)
     max_views: int = _setting(200, "views beyond this number are skipped", 1, 10000)
     voxel_size: float = _setting(0.002, "side of a voxel, m", 0.0002, 0.1)
-    trunc_voxels: float = _setting(4.0, "sdf_trunc in voxels", 1.0, 20.0)
+    trunc_voxels: float = _setting(2.0, "sdf_trunc in voxels", 1.0, 20.0)
     depth_min: float = _setting(0.1, "nearest depth used, m", 0.0, 10.0)
     depth_trunc: float = _setting(3.0, "farthest depth used, m", 0.1, 20.0)
     roi_center_m: tuple[float, ...] = _setting((0.0, 0.0, 0.0),
@@ -75,8 +75,10 @@ class ReconstructorConfig:
         (0.0, 0.0, 0.0), "inner x, y and floor-to-rim height, m; zeros: measured", 0.0)
     container_wall_m: float = _setting(0.0, "wall thickness, m; 0: measured", 0.0, 0.2)
     container_floor_m: float = _setting(0.0, "floor thickness, m; 0: the wall's", 0.0, 0.2)
+    container_pose: str = _setting("found", "where the container's pose comes from",
+                                   choices=("found", "given"))
     container_xyyaw: tuple[float, ...] = _setting(
-        (), "x, y (m, world) and yaw (rad) of the container; empty: found")
+        (0.0, 0.0, 0.0), "x, y (m, world) and yaw (rad) of the container, if given")
     hull_min_share: float = _setting(0.5, "share of the views that must see a voxel for it to "
                                           "stand, when there is no depth", 0.0, 1.0)
 
@@ -131,8 +133,8 @@ def _checked(setting: dataclasses.Field, value: Any) -> Any:
         if not isinstance(value, (list, tuple)) or any(
                 isinstance(x, bool) or not isinstance(x, (int, float)) for x in value):
             raise ConfigError(f"{setting.name} is {value!r}; expected a list of numbers")
-        if len(value) not in (3, len(default)):
-            raise ConfigError(f"{setting.name} has {len(value)} numbers; expected 3")
+        if len(value) != len(default):
+            raise ConfigError(f"{setting.name} has {len(value)} numbers; expected {len(default)}")
         value = tuple(float(x) for x in value)
         numbers = value
     elif isinstance(default, float) and isinstance(value, (int, float)) \

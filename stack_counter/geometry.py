@@ -159,3 +159,28 @@ def rectify(view: View) -> View:
     return replace(view, intrinsics=pinhole, color=warp(view.color, cv2.INTER_LINEAR),
                    depth=warp(view.depth, cv2.INTER_NEAREST),
                    labels=warp(view.labels, cv2.INTER_NEAREST, UNSEEN))
+
+
+def crop(view: View, low: np.ndarray, high: np.ndarray) -> View:
+    """The part of a pinhole view between two pixels.
+
+    Args:
+        low, high: (2,) first and last pixel (x, y); cut to the image.
+
+    Raises:
+        ViewError: reason `out_of_sight`, if nothing is left.
+    """
+    k = view.intrinsics
+    x0, y0 = np.maximum(np.floor(low), 0).astype(int)
+    x1, y1 = np.minimum(np.ceil(high), [k.width - 1, k.height - 1]).astype(int) + 1
+    if x1 <= x0 or y1 <= y0:
+        raise ViewError("out_of_sight", f"pixels {low} to {high} of a {k.width}x{k.height} image;"
+                                        " expected some inside")
+
+    def cut(image: np.ndarray | None) -> np.ndarray | None:
+        return None if image is None else np.ascontiguousarray(image[y0:y1, x0:x1])
+
+    smaller = replace(k, width=int(x1 - x0), height=int(y1 - y0), cx=k.cx - float(x0),
+                      cy=k.cy - float(y0))
+    return replace(view, intrinsics=smaller, color=cut(view.color), depth=cut(view.depth),
+                   labels=cut(view.labels))

@@ -1,0 +1,60 @@
+"""count = gamma * V / v, and how sure that is (paper, equation 1)."""
+
+from __future__ import annotations
+
+import math
+from statistics import NormalDist
+
+import numpy as np
+
+from stack_counter.errors import PartError
+from stack_counter.types import OccupancyEstimate, StackCount, StackVolume
+
+# Reasons that make a count less than what was asked for.
+_DEGRADING = {"no_depth", "bag_truncated", "low_coverage", "views_lost"}
+
+
+def check_unit_volume(unit_volume: float) -> float:
+    """The volume of one part, m3.
+
+    Raises:
+        PartError: zero, negative or not finite.
+    """
+    if not (math.isfinite(unit_volume) and unit_volume > 0):
+        raise PartError(f"unit volume is {unit_volume} m3; expected a finite number above 0")
+    return unit_volume
+
+
+def make_count(volume: StackVolume, unit_volume: float, estimate: OccupancyEstimate,
+               confidence: float) -> StackCount:
+    """The count with its interval.
+
+    The interval takes the estimator's own residuals on shapes left out (quantiles of true over
+    estimated gamma) and widens them by the error of V, both as logarithms, in quadrature.
+
+    Raises:
+        PartError: unit volume not a positive number.
+    """
+    expected = estimate.gamma * volume.stack_volume / check_unit_volume(unit_volume)
+    count = round(expected)
+    low, high = count, count
+    if volume.stack_volume > 0:
+        spread = volume.stack_volume_std / volume.stack_volume
+        low, high = (_bound(expected, estimate.ratio_quantiles, spread, share)
+                     for share in ((1 - confidence) / 2, (1 + confidence) / 2))
+    reasons = tuple(dict.fromkeys(volume.reasons + estimate.reasons))
+    return StackCount(
+        count=count, count_interval=(min(math.floor(low), count), max(math.ceil(high), count)),
+        confidence=confidence, gamma=estimate.gamma, gamma_std=estimate.gamma_std,
+        unit_volume=unit_volume, volume=volume, estimator=estimate.estimator,
+        status="degraded" if _DEGRADING & set(reasons) else "ok", reasons=reasons)
+
+
+def _bound(expected: float, ratios: np.ndarray, volume_spread: float, share: float) -> float:
+    """The `share` quantile of the true count, given its estimate."""
+    of_gamma = math.log(max(float(np.quantile(ratios, share)), 1e-6))
+    of_volume = NormalDist().inv_cdf(share) * volume_spread
+    # Measured from the median of the residuals, so that both parts widen the same interval.
+    middle = math.log(float(np.median(ratios)))
+    side = math.copysign(math.hypot(of_gamma - middle, of_volume), of_volume)
+    return expected * math.exp(middle + side)

@@ -1,0 +1,219 @@
+"""The whole method on one page: views in, V and a count out. Nodes and `--direct` both drive it.
+
+Source: paper, section 3: count = gamma * V / v.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+
+from stack_counter import geometry, hull
+from stack_counter.config import ReconstructorConfig
+from stack_counter.container import find_container
+from stack_counter.counting import make_count
+from stack_counter.errors import ScanError, ViewError
+from stack_counter.occupancy import OccupancyEstimator
+from stack_counter.region import Region, crop_to_region, find_region, grow, world_points
+from stack_counter.segmentation import Segmenter
+from stack_counter.segmentation.geometric import Geometric
+from stack_counter.segmentation.given import GivenLabels
+from stack_counter.tsdf import TopView, Tsdf
+from stack_counter.types import (PARTS, Container, KeyView, Mesh, StackCount, StackVolume, View,
+                                 ViewTally)
+from stack_counter.volume import measure
+
+_FIRST_VIEWS = 3  # the region of interest is found from this many
+_MIN_WEIGHT = 1.0  # views that must agree on a surface
+_LOW_COVERAGE = 0.7
+_KEY_STRIDE = 4  # pixels between those counted to choose the key view
+
+
+class StackCounter:
+    """Collects the views of one scan; says V, and with an estimator and a part the count."""
+
+    def __init__(self, config: ReconstructorConfig):
+        self._config = config
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets the scan."""
+        c = self._config
+        self._tsdf = Tsdf(c.voxel_size, c.trunc_voxels, c.depth_trunc)
+        self._region: Region | None = None
+        self._views: list[View] = []  # used so far; once the region is known, cropped to it
+        self._received = 0
+        self._skipped: Counter[str] = Counter()
+        self._seconds: Counter[str] = Counter()
+
+    @property
+    def tally(self) -> ViewTally:
+        """Views received, used and skipped by reason."""
+        return ViewTally(self._received, len(self._views), dict(self._skipped))
+
+    def add_view(self, view: View) -> None:
+        """Fuses one view, or keeps it until the first few say where the stack is.
+
+        Raises:
+            ViewError: the view is refused (and counted under its reason); the scan goes on.
+        """
+        self._received += 1
+        with self._timed("integrate"):
+            try:
+                self._add(self._checked(view))
+            except ViewError as error:
+                self._skipped[error.reason] += 1
+                raise
+
+    def volume(self) -> StackVolume:
+        """V of what the views so far have shown.
+
+        Raises:
+            ScanError: too few views, or nothing left after carving.
+        """
+        if len(self._views) < self._config.min_views:
+            raise ScanError(f"{len(self._views)} views used of {self._received} (skipped: "
+                            f"{dict(self._skipped)}); expected at least {self._config.min_views}")
+        with self._timed("finish"):
+            volume = self._from_depth() if self._with_depth() else self._from_labels()
+        return replace(volume, seconds=dict(self._seconds))
+
+    def count(self, unit_volume: float, estimator: OccupancyEstimator, confidence: float
+              ) -> StackCount:
+        """The number of parts; `unit_volume` in m3.
+
+        Raises:
+            ScanError: as `volume`.
+            PartError: unit volume not a positive number.
+        """
+        return count_stack(self.volume(), unit_volume, estimator, confidence)
+
+    def _checked(self, view: View) -> View:
+        if len(self._views) >= self._config.max_views:
+            raise ViewError("too_many_views", f"{len(self._views)} views already; expected at "
+                                              f"most {self._config.max_views}")
+        view = geometry.rectify(view)
+        if view.depth is None and view.labels is None:
+            raise ViewError("no_depth", "neither depth nor label image; expected one of them")
+        if self._views and (view.depth is not None) != self._with_depth():
+            raise ViewError("no_depth" if self._with_depth() else "unexpected_depth",
+                            "some views of the scan have depth and some have not; expected alike")
+        if view.depth is None:
+            return view
+        low, high = self._config.depth_min, self._config.depth_trunc
+        valid = (view.depth >= low) & (view.depth <= high)
+        if not valid.any():
+            raise ViewError("empty_depth", f"no depth between {low} and {high} m; expected some")
+        return replace(view, depth=np.where(valid, view.depth, 0).astype(np.float32))
+
+    def _with_depth(self) -> bool:
+        return bool(self._views) and self._views[0].depth is not None
+
+    def _add(self, view: View) -> None:
+        if view.depth is not None and self._region is not None:
+            self._region = grow(self._region, view)
+            view = self._fuse(view)
+        self._views.append(view)
+        if view.depth is not None and self._region is None and len(self._views) >= _FIRST_VIEWS:
+            self._find_region()
+
+    def _find_region(self) -> None:
+        try:
+            self._region = find_region(self._views, self._config)
+        except ScanError:
+            return  # nothing in sight yet: later views may show it
+        first, self._views = self._views, []
+        for view in first:
+            try:
+                self._views.append(self._fuse(view))
+            except ViewError as error:
+                self._skipped[error.reason] += 1
+
+    def _fuse(self, view: View) -> View:
+        assert self._region is not None and view.depth is not None  # for the type checker
+        view = crop_to_region(view, self._region)
+        surface = self._region.holds(world_points(view))
+        self._tsdf.integrate(view.depth, surface, view.intrinsics, view.T_world_camera)
+        return view
+
+    def _from_depth(self) -> StackVolume:
+        if self._region is None:
+            self._region = find_region(self._views, self._config)  # says what is missing
+            self._find_region()
+        region = self._region
+        mesh = self._tsdf.extract_triangle_mesh(_MIN_WEIGHT)
+        if not len(mesh.triangles):
+            raise ScanError(f"no surface left after carving {len(self._views)} views; expected "
+                            "some: depth and poses disagree")
+        top = TopView(mesh)
+        container = find_container(top, region, self._config)
+        result = measure(top, container, region, self._config.voxel_size,
+                         floor_known=self._config.container_floor_m > 0)
+        reasons = []
+        if result.coverage < _LOW_COVERAGE:
+            reasons.append("low_coverage")
+        if container.kind == "none" and result.stack_volume == 0:
+            reasons.append("nothing_found")
+        return self._volume(result.stack_volume, result.stack_volume_std, result.container,
+                            result.fill_level, result.coverage, tuple(reasons), mesh,
+                            Geometric(result.container, region), result.top, result.inner)
+
+    def _from_labels(self) -> StackVolume:
+        c = self._config
+        carved = hull.carve(self._views, c.voxel_size, c.hull_min_share)
+        middle = carved.centers.mean(axis=0)
+        container = Container("hull", geometry.pose(np.eye(3), middle))
+        # An outline's error of one pixel moves the surface by about half a voxel.
+        skin = np.count_nonzero(carved.surface) * carved.voxel_size**3
+        mesh = Mesh(carved.centers[carved.surface].astype(np.float32), np.zeros((0, 3), np.int32))
+        return self._volume(carved.volume, skin / 2, container, (0.0, 0.0, 0.0), 1.0,
+                            ("no_depth",), mesh, GivenLabels())
+
+    def _volume(self, stack_volume, std, container, fill_level, coverage, reasons, mesh,
+                segmenter: Segmenter, top=None, inner=None) -> StackVolume:
+        with self._timed("segment"):
+            key_view = find_key_view(self._views, segmenter)
+        return StackVolume(
+            stamp_ns=max(v.stamp_ns for v in self._views), stack_volume=stack_volume,
+            stack_volume_std=std, container=container, fill_level=fill_level, coverage=coverage,
+            top=top, inner=inner, key_view=key_view, views=self.tally, reasons=reasons, mesh=mesh)
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self._seconds[stage] += time.perf_counter() - start
+
+
+def find_key_view(views: list[View], segmenter: Segmenter) -> KeyView | None:
+    """The view with the most part pixels, cropped to them (paper, section 3.2)."""
+    shown = [np.count_nonzero(segmenter.segment(v, _KEY_STRIDE) == PARTS) for v in views]
+    best = views[int(np.argmax(shown))]
+    labels = segmenter.segment(best)
+    rows, cols = np.nonzero(labels == PARTS)
+    if not len(rows):
+        return None
+    cut = geometry.crop(replace(best, labels=labels), np.array([cols.min(), rows.min()]),
+                        np.array([cols.max(), rows.max()]))
+    return KeyView(best.stamp_ns, cut.intrinsics, cut.T_world_camera, len(rows), cut.labels,
+                   cut.depth, cut.color)
+
+
+def count_stack(volume: StackVolume, unit_volume: float, estimator: OccupancyEstimator,
+                confidence: float) -> StackCount:
+    """gamma from the estimator, then the count; `unit_volume` in m3.
+
+    Raises:
+        PartError: unit volume not a positive number.
+    """
+    start = time.perf_counter()
+    estimate = estimator.estimate(volume, unit_volume)
+    result = make_count(volume, unit_volume, estimate, confidence)
+    return replace(result, seconds={**volume.seconds, "gamma": time.perf_counter() - start})

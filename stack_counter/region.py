@@ -1,0 +1,134 @@
+"""Region of interest: the support plane and what stands on it, from the first views of a scan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from stack_counter import geometry
+from stack_counter.config import ReconstructorConfig
+from stack_counter.errors import ScanError
+from stack_counter.types import View
+
+_CELL = 0.005  # side of a cell of the map in which blobs are told apart, m
+_STRIDE = 4  # pixels between the points looked at
+_LOWEST = 0.006  # what stands less than this above the plane is noise, m
+_GROWTH = 0.1  # farthest that one view can grow the region, m
+_MARGIN = 0.04  # plane kept around the blob: the container's foot and some support, m
+
+
+@dataclass(frozen=True)
+class Region:
+    """An upright box in the world: `low`, `high` (3,) metres; `plane_z` of the support plane."""
+
+    low: np.ndarray
+    high: np.ndarray
+    plane_z: float
+
+    def holds(self, points: np.ndarray) -> np.ndarray:
+        """(...) bool for (..., 3) world points, metres."""
+        return np.all((points >= self.low) & (points <= self.high), axis=-1)
+
+    def joined(self, other: Region) -> Region:
+        """The smallest region around both, with the support plane of this one."""
+        return Region(np.minimum(self.low, other.low), np.maximum(self.high, other.high),
+                      self.plane_z)
+
+
+def world_points(view: View, stride: int = 1) -> np.ndarray:
+    """(h, w, 3) float32 world points, metres, of a depth view; NaN where depth is invalid."""
+    k = view.intrinsics
+    depth = view.depth[::stride, ::stride]
+    v, u = np.mgrid[:k.height:stride, :k.width:stride].astype(np.float32)
+    z = np.where(depth > 0, depth, np.float32(np.nan))
+    points = np.stack([(u - np.float32(k.cx)) / np.float32(k.fx) * z,
+                       (v - np.float32(k.cy)) / np.float32(k.fy) * z, z], axis=-1)
+    return geometry.apply(view.T_world_camera.astype(np.float32), points)
+
+
+def find_region(views: list[View], config: ReconstructorConfig) -> Region:
+    """Finds the support plane and the largest thing that stands on it.
+
+    The plane is the horizontal one with the most area in sight (z is up in the world); the blob
+    is the connected footprint with the most points above it.
+
+    Args:
+        views: first views of the scan, with depth.
+        config: a configured region (`roi_size_m`) is used as given; the plane is found in it.
+
+    Raises:
+        ScanError: no plane, or nothing in sight.
+    """
+    points = np.concatenate([p[np.isfinite(p[:, 2])] for p in
+                             (world_points(v, _STRIDE).reshape(-1, 3) for v in views)])
+    given = np.any(config.roi_size_m)
+    center, size = np.array(config.roi_center_m), np.array(config.roi_size_m)
+    if given:
+        points = points[np.all(np.abs(points - center) <= size / 2, axis=1)]
+    if len(points) < 100:
+        raise ScanError(f"{len(points)} depth points in the region of interest; "
+                        "expected 100 or more")
+    plane_z = _support_height(points)
+    if given:
+        low = center - size / 2
+        low[2] = min(low[2], plane_z - _MARGIN)
+        return Region(low, center + size / 2, plane_z)
+    blob = _largest_blob(points[points[:, 2] > plane_z + _LOWEST])
+    low, high = (blob.min(axis=0), blob.max(axis=0)) if len(blob) else \
+        (points.min(axis=0), points.max(axis=0))
+    return Region(np.append(low[:2] - _MARGIN, plane_z - _MARGIN), high + _MARGIN, plane_z)
+
+
+def grow(region: Region, view: View) -> Region:
+    """The region with what this view shows standing across its border taken in."""
+    points = world_points(view, _STRIDE).reshape(-1, 3)
+    around = Region(region.low - _GROWTH, region.high + _GROWTH, region.plane_z)
+    points = points[around.holds(points) & (points[:, 2] > region.plane_z + _LOWEST)]
+    blob = _largest_blob(points)
+    if not len(blob) or not region.holds(blob).any():
+        return region
+    low = np.append(blob[:, :2].min(axis=0), region.plane_z)
+    return region.joined(Region(low - _MARGIN, blob.max(axis=0) + _MARGIN, region.plane_z))
+
+
+def crop_to_region(view: View, region: Region) -> View:
+    """The pixels that can show something of the region.
+
+    Raises:
+        ViewError: reason `out_of_sight`, if there are none.
+    """
+    corners = np.array(np.meshgrid(*zip(region.low, region.high))).reshape(3, 8).T
+    local = geometry.apply(geometry.inverse(view.T_world_camera), corners)
+    if np.any(local[:, 2] < 0.01):  # the camera is inside or beside it: the whole image may
+        return view
+    pixels, _ = geometry.project(local, view.intrinsics)
+    return geometry.crop(view, pixels.min(axis=0), pixels.max(axis=0))
+
+
+def _support_height(points: np.ndarray) -> float:
+    """Height of the horizontal plane with the most area, as a mode refined by a median."""
+    # Points thin out with distance squared: one vote for each cell and height levels that out.
+    voxels = np.unique(np.floor(points / [_CELL, _CELL, 0.002]).astype(np.int64), axis=0)
+    level, votes = np.unique(voxels[:, 2], return_counts=True)
+    padded = np.zeros(level[-1] - level[0] + 3)
+    padded[level - level[0] + 1] = votes
+    smooth = np.convolve(padded, np.ones(3), mode="same")
+    mode = (np.argmax(smooth) - 1 + level[0] + 0.5) * 0.002
+    return float(np.median(points[np.abs(points[:, 2] - mode) < 0.004, 2]))
+
+
+def _largest_blob(points: np.ndarray) -> np.ndarray:
+    """The points of the connected footprint that holds the most of them."""
+    if not len(points):
+        return points
+    cells = np.floor(points[:, :2] / _CELL).astype(np.int64)
+    cells -= cells.min(axis=0)
+    counts = np.zeros(cells.max(axis=0) + 1, np.int64)
+    np.add.at(counts, (cells[:, 0], cells[:, 1]), 1)
+    # Closing joins the rim and the parts over the unseen strip between them.
+    filled = ndimage.binary_dilation(counts > 0, iterations=2)
+    names, _ = ndimage.label(filled, structure=np.ones((3, 3)))
+    of_point = names[cells[:, 0], cells[:, 1]]
+    return points[of_point == np.argmax(np.bincount(of_point)[1:]) + 1]

@@ -1,0 +1,17 @@
+"""Who says which pixel shows parts: the `Segmenter` protocol and its implementations."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from stack_counter.types import View
+
+
+class Segmenter(Protocol):
+    """Labels a view."""
+
+    def segment(self, view: View, stride: int = 1) -> np.ndarray:
+        """(h, w) uint8 label image of every `stride`-th pixel (0, 1, 2; 255 not known)."""
+        ...

@@ -1,0 +1,104 @@
+"""TSDF fusion and carving of depth views; the only module that touches Open3D.
+
+Source: paper, section 3.3 (fused and carved volume); the update rule is that of Curless and Levoy
+(1996) as Open3D's `VoxelBlockGrid.integrate` runs it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import open3d as o3d
+import open3d.core as o3c
+
+from stack_counter import geometry
+from stack_counter.types import HeightMap, Intrinsics, Mesh
+
+_CPU = o3c.Device("CPU:0")
+_BLOCK = 8  # voxels along a block's side: small blocks follow the surface closely
+_BLOCKS = 20_000  # first size of the hash map; it grows by itself
+
+
+class Tsdf:
+    """A sparse truncated signed distance field.
+
+    Every view updates all blocks that exist, not only those on its own surface: what it sees
+    through is free, so a ghost surface of an earlier view is carved.
+    """
+
+    def __init__(self, voxel_size: float, trunc_voxels: float, depth_trunc: float):
+        """Lengths in metres; `trunc_voxels` is sdf_trunc in voxels."""
+        self.voxel_size = voxel_size
+        self._trunc_voxels = trunc_voxels
+        self._depth_trunc = depth_trunc
+        self._grid = o3d.t.geometry.VoxelBlockGrid(
+            ("tsdf", "weight"), (o3c.float32, o3c.float32), ((1,), (1,)),
+            voxel_size, _BLOCK, _BLOCKS, _CPU)
+
+    def integrate(self, depth: np.ndarray, surface: np.ndarray, intrinsics: Intrinsics,
+                  T_world_camera: np.ndarray) -> None:
+        """Fuses one view.
+
+        Args:
+            depth: (h, w) float32, metres, 0 invalid; carves along every valid ray.
+            surface: (h, w) bool, the pixels whose surface is to be kept (region of interest);
+                only these make new blocks.
+            intrinsics: pinhole calibration of `depth`.
+            T_world_camera: (4, 4) pose of the optical frame.
+        """
+        K = o3c.Tensor(intrinsics.K)
+        T_camera_world = o3c.Tensor(geometry.inverse(T_world_camera))
+        image = o3d.t.geometry.Image(o3c.Tensor(np.ascontiguousarray(depth, np.float32)))
+        wanted = o3d.t.geometry.Image(o3c.Tensor(np.where(surface, depth, 0).astype(np.float32)))
+        settings = (1.0, self._depth_trunc, self._trunc_voxels)
+        new = self._grid.compute_unique_block_coordinates(wanted, K, T_camera_world, *settings)
+        blocks = np.unique(np.concatenate([self._blocks(), new.numpy()]), axis=0)
+        if len(blocks):
+            self._grid.integrate(o3c.Tensor(blocks), image, K, T_camera_world, *settings)
+
+    def _blocks(self) -> np.ndarray:
+        """(n, 3) int32 coordinates of the blocks that exist."""
+        hashmap = self._grid.hashmap()
+        return hashmap.key_tensor()[hashmap.active_buf_indices().to(o3c.int64)].numpy()
+
+    def extract_triangle_mesh(self, min_weight: float) -> Mesh:
+        """The zero level as triangles, where at least `min_weight` views agree."""
+        if not len(self._blocks()):
+            return Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
+        mesh = self._grid.extract_triangle_mesh(weight_threshold=min_weight)
+        if not len(mesh.vertex) or not len(mesh.triangle):
+            return Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
+        return Mesh(mesh.vertex.positions.numpy().astype(np.float32),
+                    mesh.triangle.indices.numpy().astype(np.int32))
+
+
+class TopView:
+    """Looks at a mesh from straight above."""
+
+    def __init__(self, mesh: Mesh):
+        self._scene = o3d.t.geometry.RaycastingScene()
+        self._empty = len(mesh.triangles) == 0
+        if not self._empty:
+            self._scene.add_triangles(o3c.Tensor(mesh.vertices),
+                                      o3c.Tensor(mesh.triangles.astype(np.uint32)))
+            self._above = float(mesh.vertices[:, 2].max()) + 1.0
+
+    def heights(self, T_world_map: np.ndarray, pitch: float, shape: tuple[int, int]) -> HeightMap:
+        """Highest surface at the centre of every cell of a map; NaN where there is none.
+
+        Args:
+            T_world_map: (4, 4) map frame, z up in the world.
+            pitch: side of a cell, metres.
+            shape: (rows, cols).
+        """
+        heights = np.full(shape, np.nan, np.float32)
+        if self._empty:
+            return HeightMap(T_world_map, pitch, heights)
+        rows, cols = np.mgrid[:shape[0], :shape[1]]
+        cells = np.stack([(cols + 0.5) * pitch, (rows + 0.5) * pitch, np.zeros(shape)], axis=-1)
+        origins = geometry.apply(T_world_map, cells)
+        origins[..., 2] = self._above
+        rays = np.concatenate([origins, np.broadcast_to([0.0, 0, -1], origins.shape)], axis=-1)
+        hits = self._scene.cast_rays(o3c.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
+        z = self._above - hits - T_world_map[2, 3]
+        heights[np.isfinite(hits)] = z[np.isfinite(hits)]
+        return HeightMap(T_world_map, pitch, heights)
