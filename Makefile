@@ -1,0 +1,29 @@
+# make setup: everything into .venv | demo: count a recorded bag | test: lint and tests
+# PYTHON=/path/to/python3.12 make setup: with an interpreter of your choice (3.10 to 3.13)
+
+SHELL := bash
+DEMO := .venv/bin/stack-counter replay bags/demo --part demo_part
+# Puts this package's messages on the paths where ROS 2 is sourced; does nothing elsewhere.
+IN_VENV := source .venv/ros.bash &&
+
+.PHONY: help setup demo test lint clean
+
+help:
+	@sed -n '1,2s/^# //p' Makefile
+
+setup:
+	@PYTHON="$(PYTHON)" bash scripts/setup.sh
+
+demo: setup
+	@$(DEMO)
+
+lint: setup
+	$(IN_VENV) .venv/bin/ruff check .
+	$(IN_VENV) .venv/bin/mypy stack_counter/*.py stack_counter/segmentation
+
+test: lint
+	$(IN_VENV) .venv/bin/python -m pytest
+
+clean:
+	rm -rf .venv build install log dist *.egg-info .pytest_cache .ruff_cache .mypy_cache out
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

