@@ -213,12 +213,12 @@ if changed environment "$environment" || [[ ! -x $venv/bin/python ]]; then
 fi
 
 dependencies=$(key setup.py scripts/setup.sh)
+package=$(key "$dependencies" setup.cfg package.xml resource config $(compgen -G launch || true))
 if changed dependencies "$dependencies"; then
   step "dependencies (minutes and some gigabytes the first time)" install_dependencies
   stamp dependencies "$dependencies"
+  stamp package "$package"
 fi
-
-package=$(key "$dependencies" setup.cfg package.xml resource config $(compgen -G launch || true))
 if changed package "$package"; then
   step "package stack_counter" install_package
   stamp package "$package"
