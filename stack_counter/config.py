@@ -62,6 +62,7 @@ class ReconstructorConfig:
 
     min_views: int = _setting(3, "fewest views for a volume", 1, 1000)
     max_views: int = _setting(200, "views beyond this number are skipped", 1, 10000)
+    live: bool = _setting(False, "volume after every view from the first on, not only at the end")
     voxel_size: float = _setting(0.002, "side of a voxel, m", 0.0002, 0.1)
     trunc_voxels: float = _setting(2.0, "sdf_trunc in voxels", 1.0, 20.0)
     depth_min: float = _setting(0.1, "nearest depth used, m", 0.0, 10.0)
@@ -169,6 +170,7 @@ def load(path: Path) -> Config:
     if not isinstance(document, dict):
         raise ConfigError(f"{path} holds {type(document).__name__}; expected node names with "
                           "ros__parameters")
+    ros_own = {"autostart", "use_sim_time"}  # every node has these; the core does not read them
     sections = {}
     for node, body in document.items():
         name = str(node).removeprefix(NAMESPACE).strip("/")
@@ -178,5 +180,13 @@ def load(path: Path) -> Config:
                               f"{NAMESPACE}/reconstructor or {NAMESPACE}/counter")
         if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
             raise ConfigError(f"{path}: '{node}' lacks ros__parameters")
-        sections[name] = build(section, body["ros__parameters"])
+        sections[name] = build(section, {key: value for key, value in
+                                         body["ros__parameters"].items() if key not in ros_own})
     return Config(**sections)
+
+
+def to_ros_parameters(config: Config) -> str:
+    """The settings as a ROS parameter file that `load` and the nodes read."""
+    return yaml.safe_dump({f"{NAMESPACE}/{name}": {"ros__parameters": {
+        key: list(value) if isinstance(value, tuple) else value for key, value in section.items()
+    }} for name, section in dataclasses.asdict(config).items()}, sort_keys=False)

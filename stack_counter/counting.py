@@ -58,3 +58,16 @@ def _bound(expected: float, ratios: np.ndarray, volume_spread: float, share: flo
     middle = math.log(float(np.median(ratios)))
     side = math.copysign(math.hypot(of_gamma - middle, of_volume), of_volume)
     return expected * math.exp(middle + side)
+
+
+def verdict(interval: tuple[int, int], expected: int, tolerance: int) -> str:
+    """`pass` if the whole interval lies within expected +- tolerance, `fail` if none of it does,
+    `unsure` if it straddles a limit; `none` if nothing is expected (0)."""
+    low, high = interval
+    if expected == 0:
+        return "none"
+    if expected - tolerance <= low and high <= expected + tolerance:
+        return "pass"
+    if high < expected - tolerance or low > expected + tolerance:
+        return "fail"
+    return "unsure"

@@ -39,6 +39,7 @@ class StackCounter:
 
     def __init__(self, config: ReconstructorConfig):
         self._config = config
+        self._min_views = 1 if config.live else config.min_views
         self.reset()
 
     def reset(self) -> None:
@@ -50,6 +51,7 @@ class StackCounter:
         self._received = 0
         self._skipped: Counter[str] = Counter()
         self._seconds: Counter[str] = Counter()
+        self.coverage = 0.0  # of the footprint, as of the last volume
 
     @property
     def tally(self) -> ViewTally:
@@ -76,11 +78,12 @@ class StackCounter:
         Raises:
             ScanError: too few views, or nothing left after carving.
         """
-        if len(self._views) < self._config.min_views:
+        if len(self._views) < self._min_views:
             raise ScanError(f"{len(self._views)} views used of {self._received} (skipped: "
-                            f"{dict(self._skipped)}); expected at least {self._config.min_views}")
+                            f"{dict(self._skipped)}); expected at least {self._min_views}")
         with self._timed("finish"):
             volume = self._from_depth() if self._with_depth() else self._from_labels()
+        self.coverage = volume.coverage
         return replace(volume, seconds=dict(self._seconds))
 
     def count(self, unit_volume: float, estimator: OccupancyEstimator, confidence: float
@@ -119,7 +122,8 @@ class StackCounter:
             self._region = grow(self._region, view)
             view = self._fuse(view)
         self._views.append(view)
-        if view.depth is not None and self._region is None and len(self._views) >= _FIRST_VIEWS:
+        if view.depth is not None and self._region is None \
+                and len(self._views) >= min(_FIRST_VIEWS, self._min_views):
             self._find_region()
 
     def _find_region(self) -> None:
@@ -190,6 +194,12 @@ class StackCounter:
             yield
         finally:
             self._seconds[stage] += time.perf_counter() - start
+
+
+def joined_tally(collected: ViewTally, used: ViewTally) -> ViewTally:
+    """One tally of a scan from the collector's and the reconstruction's, which follows it."""
+    return ViewTally(collected.received, used.used,
+                     dict(Counter(collected.skipped) + Counter(used.skipped)))
 
 
 def find_key_view(views: list[View], segmenter: Segmenter) -> KeyView | None:

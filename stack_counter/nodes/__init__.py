@@ -1,0 +1,1 @@
+"""The three ROS 2 nodes: parameters in, messages to core types, core calls, messages out."""

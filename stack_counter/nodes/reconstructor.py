@@ -1,0 +1,142 @@
+"""Reconstructor node: `posed_images` in, `volume` out when the scan ends."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+from sensor_msgs.msg import PointCloud2
+from stack_counter_msgs.msg import PosedImage, ScanStatus, StackVolume
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from stack_counter import messages
+from stack_counter.config import ReconstructorConfig
+from stack_counter.errors import ScanError, ViewError
+from stack_counter.nodes.base import LATCHED, RELIABLE, ManagedNode, run
+from stack_counter.nodes.conversions import from_tally, to_header, to_stack_volume, to_tally
+from stack_counter.nodes.markers import container_markers, surface_points
+from stack_counter.pipeline import StackCounter, joined_tally
+from stack_counter.types import ViewTally
+
+_LOST_AFTER_S = 5.0  # a scan that was stopped waits this long for images on their way
+
+
+class Reconstructor(ManagedNode[ReconstructorConfig]):
+    """Drives `StackCounter.add_view` and `.volume`."""
+
+    def __init__(self) -> None:
+        super().__init__("reconstructor", ReconstructorConfig)
+
+    def setup(self, config: ReconstructorConfig) -> None:
+        """Makes an empty reconstruction and connects it."""
+        self._config = config
+        self._stack = StackCounter(config)
+        self._scan: PosedImage | None = None  # first image of the scan
+        self._received = 0
+        self._stopped: ScanStatus | None = None
+        self._stopped_at = 0.0
+        self._volume = self.advertise(StackVolume, "volume", LATCHED)
+        self._status = self.advertise(ScanStatus, "scan_status", RELIABLE)
+        self._markers = self.advertise(MarkerArray, "container_marker", LATCHED)
+        self._points = self.advertise(PointCloud2, "surface", LATCHED)
+        self.subscribe(PosedImage, "posed_images", self._on_image, RELIABLE)
+        self.subscribe(ScanStatus, "scan_status", self._on_status, RELIABLE)
+        self.serve(Trigger, "reset_reconstruction", self._reset)
+        self.tick(0.5, self._finish_if_whole)
+
+    def _on_image(self, message: PosedImage) -> None:
+        if self._scan is None or message.scan_id != self._scan.scan_id:
+            self._start(message)
+        self._received += 1
+        try:
+            self._stack.add_view(messages.posed_image_to_view(message))
+        except ViewError as error:
+            self.get_logger().warning(f"view skipped: {error}", throttle_duration_sec=5.0)
+        self._report()
+        if self._config.live:
+            self._publish_volume()
+        self._finish_if_whole()
+
+    def _start(self, message: PosedImage) -> None:
+        self._scan, self._received = message, 0
+        if self._stopped is not None and self._stopped.scan_id != message.scan_id:
+            self._stopped = None
+        self._stack.reset()
+
+    def _on_status(self, message: ScanStatus) -> None:
+        if message.node != "collector" or message.state != ScanStatus.STOPPED:
+            return
+        self._stopped, self._stopped_at = message, time.monotonic()
+        if self._scan is None or self._scan.scan_id != message.scan_id:
+            self._start(PosedImage(scan_id=message.scan_id, header=message.header,
+                                   world_frame=message.header.frame_id))
+        self._finish_if_whole()
+
+    def _finish_if_whole(self) -> None:
+        """Publishes the final volume once all images of a stopped scan have come."""
+        if self._stopped is None:
+            return
+        late = time.monotonic() - self._stopped_at > _LOST_AFTER_S
+        if self._received < self._stopped.processed and not late:
+            return
+        self._publish_volume(lost=self._stopped.processed - self._received)
+        self._stopped = None
+
+    def _publish_volume(self, lost: int = 0) -> None:
+        assert self._scan is not None  # for the type checker
+        scan, frame = self._scan, self._scan.world_frame
+        try:
+            volume = self._stack.volume()
+        except ScanError as error:
+            if not self._config.live or self._stopped is not None:
+                self._volume.publish(StackVolume(
+                    header=scan.header, scan_id=scan.scan_id, part=scan.part,
+                    unit_volume=scan.unit_volume, error=str(error),
+                    views=to_tally(self._tally(self._stack.tally))))
+            return
+        if lost > 0:
+            volume = replace(volume, reasons=volume.reasons + ("views_lost",))
+        volume = replace(volume, views=self._tally(volume.views))
+        self._volume.publish(to_stack_volume(volume, frame, scan))
+        header = to_header(volume.stamp_ns, frame)
+        self._markers.publish(container_markers(volume.container, header))
+        if volume.mesh is not None:
+            self._points.publish(surface_points(volume.mesh, header))
+
+    def _tally(self, used: ViewTally) -> ViewTally:
+        """The scan's tally with what the collector skipped, once it is stopped."""
+        if self._stopped is None:
+            return used
+        collected = from_tally_of(self._stopped)
+        return joined_tally(collected, used)
+
+    def _report(self) -> None:
+        tally = self._stack.tally
+        assert self._scan is not None  # for the type checker
+        self._status.publish(ScanStatus(
+            header=self._scan.header, node="reconstructor", scan_id=self._scan.scan_id,
+            state=ScanStatus.SCANNING, received=tally.received, processed=tally.used,
+            skip_reasons=list(tally.skipped), skip_counts=list(tally.skipped.values()),
+            coverage=self._stack.coverage))
+
+    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._scan, self._stopped = None, None
+        self._stack.reset()
+        response.success = True
+        return response
+
+
+def from_tally_of(status: ScanStatus) -> ViewTally:
+    """The collector's tally in its status."""
+    return ViewTally(status.received, status.processed,
+                     dict(zip(status.skip_reasons, (int(n) for n in status.skip_counts))))
+
+
+def main() -> None:
+    """Runs the node."""
+    run(Reconstructor)
+
+
+if __name__ == "__main__":
+    main()

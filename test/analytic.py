@@ -1,0 +1,109 @@
+"""Depth views of boxes, upright cylinders, spheres and the plane z = 0 in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stack_counter import geometry
+from stack_counter.types import Intrinsics, View
+
+CAMERA = Intrinsics(640, 480, 610.0, 610.0, 319.5, 239.5)
+
+
+class Scene:
+    """Convex solids on the plane z = 0; boxes may be turned about z."""
+
+    def __init__(self, plane: bool = True):
+        self._hits = [_plane] if plane else []
+
+    def box(self, center, size, yaw=0.0):
+        """Adds a box: centre and size in metres, yaw in radians."""
+        c, s = np.cos(yaw), np.sin(yaw)
+        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        self._hits.append(lambda o, d: _box((o - center) @ turn, d @ turn, np.array(size) / 2))
+        return self
+
+    def cylinder(self, x, y, radius, height):
+        """Adds an upright cylinder that stands on z = 0."""
+        self._hits.append(lambda o, d: _cylinder(o - [x, y, 0], d, radius, height))
+        return self
+
+    def sphere(self, center, radius):
+        """Adds a ball."""
+        self._hits.append(lambda o, d: _sphere(o - np.array(center), d, radius))
+        return self
+
+    def bin(self, inner, wall, floor, fill, x=0.0, y=0.0, yaw=0.0):
+        """Adds an upright open box filled flat to `fill` metres above its floor."""
+        a, b, h = inner
+        rim = floor + h
+        c, s = np.cos(yaw), np.sin(yaw)
+
+        def add(u, v, z, size):
+            self.box([x + c * u - s * v, y + s * u + c * v, z], size, yaw)
+
+        for side in (-1, 1):
+            add(side * (a + wall) / 2, 0, rim / 2, [wall, b + 2 * wall, rim])
+            add(0, side * (b + wall) / 2, rim / 2, [a + 2 * wall, wall, rim])
+        add(0, 0, (floor + fill) / 2, [a + wall, b + wall, floor + fill])
+        return self
+
+    def view(self, T_world_camera, camera=CAMERA, stamp_ns=0, noise=0.0, seed=0):
+        """Depth view; `noise` is the standard deviation in metres."""
+        v, u = np.mgrid[:camera.height, :camera.width]
+        d = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy,
+                      np.ones(u.shape)], -1)
+        directions = d @ T_world_camera[:3, :3].T
+        t = np.min([hit(T_world_camera[:3, 3], directions) for hit in self._hits], axis=0)
+        depth = np.where(np.isfinite(t), t, 0)
+        if noise:
+            depth = depth + np.random.default_rng(seed).normal(0, noise, t.shape)
+        return View(stamp_ns, camera, T_world_camera, depth=depth.astype(np.float32))
+
+    def views(self, count=12, radius=0.6, center=(0, 0, 0.05), tilts=(20, 40), **how):
+        """Views from a ring of poses that look at the centre; tilts in degrees from vertical."""
+        views = []
+        for i in range(count):
+            turn, tilt = 2 * np.pi * i / count, np.deg2rad(tilts[i % len(tilts)])
+            eye = np.array(center) + radius * np.array(
+                [np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+            T = geometry.look_at(eye, np.array(center, float))
+            views.append(self.view(T, stamp_ns=i * 10**9, seed=i, **how))
+        return views
+
+
+def _plane(origin, directions):
+    with np.errstate(divide="ignore"):
+        t = -origin[2] / directions[..., 2]
+    return np.where(t > 0, t, np.inf)
+
+
+def _box(origin, directions, half):
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a, b = (-half - origin) / directions, (half - origin) / directions
+    near = np.nanmax(np.minimum(a, b), axis=-1)
+    far = np.nanmin(np.maximum(a, b), axis=-1)
+    return np.where((near <= far) & (near > 0), near, np.inf)
+
+
+def _cylinder(origin, directions, radius, height):
+    a = directions[..., 0]**2 + directions[..., 1]**2
+    b = directions[..., 0] * origin[0] + directions[..., 1] * origin[1]
+    c = origin[0]**2 + origin[1]**2 - radius**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        side = (-b - np.sqrt(b**2 - a * c)) / a
+        z = origin[2] + side * directions[..., 2]
+        side = np.where((side > 0) & (z >= 0) & (z <= height), side, np.inf)
+        top = (height - origin[2]) / directions[..., 2]
+        reach = (origin[0] + top * directions[..., 0])**2 + (origin[1] + top
+                                                             * directions[..., 1])**2
+        top = np.where((top > 0) & (reach <= radius**2), top, np.inf)
+    return np.fmin(side, top)
+
+
+def _sphere(origin, directions, radius):
+    a = np.sum(directions**2, axis=-1)
+    b = directions @ origin
+    with np.errstate(invalid="ignore"):
+        t = (-b - np.sqrt(b**2 - a * (origin @ origin - radius**2))) / a
+    return np.where(np.isfinite(t) & (t > 0), t, np.inf)
