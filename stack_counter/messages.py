@@ -1,0 +1,154 @@
+"""ROS messages to numpy, by attribute names alone: for rclpy's messages and for decoded bags.
+
+Both spell fields alike (`header.stamp.sec`, `data` ...), so one set of functions serves both and
+the core needs no ROS.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+
+from stack_counter import geometry
+from stack_counter.errors import ViewError
+from stack_counter.types import Intrinsics, View
+
+_ENCODINGS = {"rgb8": (np.uint8, 3), "bgr8": (np.uint8, 3), "rgba8": (np.uint8, 4),
+              "bgra8": (np.uint8, 4), "mono8": (np.uint8, 1), "8UC1": (np.uint8, 1),
+              "mono16": (np.uint16, 1), "16UC1": (np.uint16, 1), "32FC1": (np.float32, 1)}
+_TO_RGB = {"bgr8": cv2.COLOR_BGR2RGB, "rgba8": cv2.COLOR_RGBA2RGB, "bgra8": cv2.COLOR_BGRA2RGB,
+           "mono8": cv2.COLOR_GRAY2RGB, "8UC1": cv2.COLOR_GRAY2RGB}
+_MAX_SIDE = 16384  # pixels; what is larger is a damaged message, not a camera
+
+
+def stamp_ns(stamp: Any) -> int:
+    """Nanoseconds of a `builtin_interfaces/Time`."""
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def image_to_array(message: Any) -> np.ndarray:
+    """Pixels of a `sensor_msgs/Image`: (h, w) or (h, w, channels) in the encoding's dtype.
+
+    Raises:
+        ViewError: reason `bad_encoding` or `bad_image`.
+    """
+    if message.encoding not in _ENCODINGS:
+        raise ViewError("bad_encoding", f"encoding '{message.encoding}'; expected one of "
+                                        f"{sorted(_ENCODINGS)}")
+    dtype, channels = _ENCODINGS[message.encoding]
+    kind = np.dtype(dtype).newbyteorder(">" if message.is_bigendian else "<")
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    data = np.frombuffer(message.data, np.uint8)
+    row = width * channels * kind.itemsize
+    if not (0 < height <= _MAX_SIDE and 0 < width <= _MAX_SIDE) or step < row \
+            or len(data) < height * step:
+        raise ViewError("bad_image", f"{width}x{height} {message.encoding} with step {step} and "
+                                     f"{len(data)} bytes; expected step {row} and "
+                                     f"{height * row} bytes")
+    pixels = data[:height * step].reshape(height, step)[:, :row]
+    pixels = np.ascontiguousarray(pixels).view(kind).astype(dtype, copy=False)
+    return pixels.reshape(height, width, channels) if channels > 1 else pixels
+
+
+def color_to_array(message: Any) -> np.ndarray:
+    """(h, w, 3) uint8 RGB of an `Image` or a `CompressedImage` (JPEG, PNG).
+
+    Raises:
+        ViewError: reason `bad_encoding` or `bad_image`.
+    """
+    if hasattr(message, "encoding"):
+        if message.encoding not in ("rgb8", *_TO_RGB):
+            raise ViewError("bad_encoding", f"colour in '{message.encoding}'; expected one of "
+                                            f"{['rgb8', *_TO_RGB]}")
+        image = image_to_array(message)
+        if message.encoding == "rgb8":
+            return image
+        return cv2.cvtColor(image, _TO_RGB[message.encoding])
+    data = np.frombuffer(message.data, np.uint8)
+    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    if decoded is None:
+        raise ViewError("bad_image", f"{len(data)} bytes of '{message.format}' do not decode; "
+                                     "expected a JPEG or PNG image")
+    return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)
+
+
+def depth_to_metres(message: Any) -> np.ndarray:
+    """(h, w) float32 metres, 0 where invalid, of a `16UC1` (mm) or `32FC1` (m) image (REP-118).
+
+    Raises:
+        ViewError: reason `bad_encoding`, `bad_image` or `empty_depth`.
+    """
+    if message.encoding not in ("16UC1", "mono16", "32FC1"):
+        raise ViewError("bad_encoding", f"depth in '{message.encoding}'; expected 16UC1 (mm) or "
+                                        "32FC1 (m)")
+    image = image_to_array(message)
+    if message.encoding == "32FC1":
+        depth = np.where(np.isfinite(image) & (image > 0), image, 0).astype(np.float32)
+    else:
+        depth = image.astype(np.float32) * np.float32(0.001)
+    if not depth.any():
+        raise ViewError("empty_depth", f"{depth.size} depth pixels, all invalid; expected some")
+    return depth
+
+
+def labels_to_array(message: Any) -> np.ndarray:
+    """(h, w) uint8 label image of values 0, 1 and 2.
+
+    Raises:
+        ViewError: reason `bad_labels`, `bad_encoding` or `bad_image`.
+    """
+    if message.encoding not in ("mono8", "8UC1"):
+        raise ViewError("bad_encoding", f"labels in '{message.encoding}'; expected mono8")
+    labels = image_to_array(message)
+    if labels.max() > 2:
+        raise ViewError("bad_labels", f"label values {np.unique(labels)[:8].tolist()}; expected "
+                                      "0 background, 1 container, 2 parts")
+    return labels
+
+
+def camera_info_to_intrinsics(message: Any) -> Intrinsics:
+    """Calibration of a `CameraInfo`, unchecked; field names of both ROS spellings (k, K)."""
+    k = [float(x) for x in (message.k if hasattr(message, "k") else message.K)]
+    d = message.d if hasattr(message, "d") else message.D
+    return Intrinsics(int(message.width), int(message.height), k[0], k[4], k[2], k[5],
+                      str(message.distortion_model), tuple(float(x) for x in d))
+
+
+def pose_to_matrix(pose: Any) -> np.ndarray:
+    """(4, 4) of a `geometry_msgs/Pose`.
+
+    Raises:
+        ViewError: reason `bad_pose`.
+    """
+    q, p = pose.orientation, pose.position
+    return geometry.pose_from_quaternion(np.array([q.x, q.y, q.z, q.w]),
+                                         np.array([p.x, p.y, p.z]))
+
+
+def transform_to_matrix(transform: Any) -> np.ndarray:
+    """(4, 4) of a `geometry_msgs/Transform`.
+
+    Raises:
+        ViewError: reason `bad_pose`.
+    """
+    q, t = transform.rotation, transform.translation
+    return geometry.pose_from_quaternion(np.array([q.x, q.y, q.z, q.w]),
+                                         np.array([t.x, t.y, t.z]))
+
+
+def posed_image_to_view(message: Any) -> View:
+    """View of a `PosedImage`.
+
+    Raises:
+        ViewError: any of the reasons above.
+    """
+    def part(image: Any, decode: Any) -> np.ndarray | None:
+        return decode(image) if len(image.data) else None
+
+    return View(
+        stamp_ns=stamp_ns(message.header.stamp), camera=message.header.frame_id,
+        intrinsics=camera_info_to_intrinsics(message.camera_info), fixed=message.camera_fixed,
+        T_world_camera=pose_to_matrix(message.pose), color=part(message.color, color_to_array),
+        depth=part(message.depth, depth_to_metres), labels=part(message.labels, labels_to_array))
