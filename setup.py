@@ -13,17 +13,17 @@ NAME = "stack_counter"
 VERSION = "0.1.0"
 
 REQUIRES = [
-    "mcap>=1.3",  # (no key of its own: comes with mcap-ros2-support)
-    "mcap-ros2-support>=0.5.5",
-    "numpy>=1.26",
+    "mcap>=1.6",  # (no key of its own: comes with mcap-ros2-support)
+    "mcap-ros2-support>=0.6",
+    "numpy>=1.26.4",
     "open3d>=0.20",
     "opencv-python-headless>=4.11",
-    "pyyaml>=6.0",
-    "rosbags>=0.11",
-    "safetensors>=0.5",  # (no key)
-    "scipy>=1.15",
-    "torch>=2.12",
-    "tqdm>=4.66",
+    "pyyaml>=6.0.3",
+    "rosbags>=0.11.9",
+    "safetensors>=0.8",  # (no key)
+    "scipy>=1.15.3",
+    "torch>=2.14.1",
+    "tqdm>=4.70",
     "trimesh>=5.2",
 ]
 
@@ -44,7 +44,7 @@ EXTRAS = {
         "ros-jazzy-ament-cmake-ros",
         "ros-jazzy-python-cmake-module",
         "ros-ament-package==0.16.4",  # 0.17 is not Jazzy's
-        "catkin_pkg>=1.0",
+        "catkin_pkg>=1.1",
         "cmake>=3.25,<4",  # Jazzy's CMake files predate CMake 4
         "ninja>=1.11",
         "scikit-build-core>=1.1",
@@ -52,7 +52,7 @@ EXTRAS = {
     # On top of a sourced ROS 2 Jazzy, whose message modules are built on NumPy 1.26; both opencv
     # packages, as sapien brings the second one along and they share one folder.
     "sourced": [
-        "numpy>=1.26,<2",
+        "numpy>=1.26.4,<2",
         "opencv-python>=4.11,<4.12",
         "opencv-python-headless>=4.11,<4.12",
         "colcon-common-extensions>=0.3",
@@ -60,15 +60,15 @@ EXTRAS = {
     # Simulated piles (no keys). The physics engine has wheels for Python 3.11 and 3.12 only.
     "sim": [
         "sapien>=3.0.3; python_version >= '3.11' and python_version < '3.13'",
-        "coacd>=1.0.11",
-        "manifold3d>=3.3",
+        "coacd>=1.0.14",
+        "manifold3d>=3.5.4",
     ],
     "test": [
-        "mypy>=1.15",
-        "pytest>=8.3",
-        "pytest-timeout>=2.3",
-        "ruff>=0.9",
-        "types-PyYAML>=6.0",  # (no key)
+        "mypy>=2.4",
+        "pytest>=9.2",
+        "pytest-timeout>=2.4",
+        "ruff>=0.17",
+        "types-PyYAML>=6.0.12",  # (no key)
     ],
 }
 
@@ -80,32 +80,33 @@ def share(folder: str, *patterns: str) -> tuple[str, list[str]]:
     return f"share/{NAME}/{folder}", files
 
 
-setup(
-    name=NAME,
-    version=VERSION,
-    description="Counts identical parts stacked in a bin from posed images (ROS 2 Jazzy)",
-    license="Apache-2.0",
-    author="stack_counter maintainers",
-    author_email="maintainers@users.noreply.example.com",
-    python_requires=">=3.10,<3.14",
-    packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["weights/*"]},
-    data_files=[
-        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
-        (f"share/{NAME}", ["package.xml"]),
-        share("config", "*.yaml", "*.xml", "*.rviz", "*.json"),
-        share("launch", "*.py"),
-    ],
-    install_requires=REQUIRES,
-    extras_require=EXTRAS,
-    zip_safe=False,
-    entry_points={
-        # colcon puts these into lib/stack_counter (setup.cfg), where `ros2 run` finds them.
-        "console_scripts": [
-            "stack-counter = stack_counter.cli:main",
-            "collector = stack_counter.nodes.collector:main",
-            "reconstructor = stack_counter.nodes.reconstructor:main",
-            "counter = stack_counter.nodes.counter:main",
+if __name__ == "__main__":  # scripts/setup.sh imports the lists above
+    setup(
+        name=NAME,
+        version=VERSION,
+        description="Counts identical parts stacked in a bin from posed images (ROS 2 Jazzy)",
+        license="Apache-2.0",
+        author="stack_counter maintainers",
+        author_email="maintainers@users.noreply.example.com",
+        python_requires=">=3.10,<3.14",
+        packages=find_packages(include=[NAME, f"{NAME}.*"]),
+        package_data={NAME: ["weights/*"]},
+        data_files=[
+            ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+            (f"share/{NAME}", ["package.xml"]),
+            share("config", "*.yaml", "*.xml", "*.rviz", "*.json"),
+            share("launch", "*.py"),
         ],
-    },
-)
+        install_requires=REQUIRES,
+        extras_require=EXTRAS,
+        zip_safe=False,
+        entry_points={
+            # colcon puts these into lib/stack_counter (setup.cfg), where `ros2 run` finds them.
+            "console_scripts": [
+                "stack-counter = stack_counter.cli:main",
+                "collector = stack_counter.nodes.collector:main",
+                "reconstructor = stack_counter.nodes.reconstructor:main",
+                "counter = stack_counter.nodes.counter:main",
+            ],
+        },
+    )

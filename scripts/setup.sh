@@ -190,7 +190,9 @@ make_venv() {
 }
 
 install_dependencies() {
-  install "$setuptools" wheel && install --no-build-isolation -e ".[$extras]"
+  "$venv/bin/python" -c 'import sys, setup
+print(*setup.REQUIRES, *(line for extra in sys.argv[1:] for line in setup.EXTRAS[extra]), sep="\n")
+' $extras >"$venv/requirements.txt" && install "$setuptools" wheel -r "$venv/requirements.txt"
 }
 
 install_package() {  # data files and commands; the code itself is used where it lies
@@ -199,10 +201,10 @@ install_package() {  # data files and commands; the code itself is used where it
 }
 
 if [[ $mode == wheels ]]; then
-  extras=wheels,sim,test
+  extras="wheels sim test"
   setuptools="setuptools>=77"
 else
-  extras=sourced,sim,test
+  extras="sourced sim test"
   setuptools="setuptools>=70,<80"  # colcon calls setup.py in ways that later ones dropped
 fi
 
@@ -217,7 +219,6 @@ package=$(key "$dependencies" setup.cfg package.xml resource config $(compgen -G
 if changed dependencies "$dependencies"; then
   step "dependencies (minutes and some gigabytes the first time)" install_dependencies
   stamp dependencies "$dependencies"
-  stamp package "$package"
 fi
 if changed package "$package"; then
   step "package stack_counter" install_package
