@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
@@ -37,17 +38,22 @@ def make_count(volume: StackVolume, unit_volume: float, estimate: OccupancyEstim
     """
     expected = estimate.gamma * volume.stack_volume / check_unit_volume(unit_volume)
     count = round(expected)
-    low, high = count, count
+    low = high = float(count)
     if volume.stack_volume > 0:
         spread = volume.stack_volume_std / volume.stack_volume
         low, high = (_bound(expected, estimate.ratio_quantiles, spread, share)
                      for share in ((1 - confidence) / 2, (1 + confidence) / 2))
-    reasons = tuple(dict.fromkeys(volume.reasons + estimate.reasons))
-    return StackCount(
+    result = StackCount(
         count=count, count_interval=(min(math.floor(low), count), max(math.ceil(high), count)),
         confidence=confidence, gamma=estimate.gamma, gamma_std=estimate.gamma_std,
-        unit_volume=unit_volume, volume=volume, estimator=estimate.estimator,
-        status="degraded" if _DEGRADING & set(reasons) else "ok", reasons=reasons)
+        unit_volume=unit_volume, volume=volume, estimator=estimate.estimator)
+    return flagged(result, *volume.reasons, *estimate.reasons)
+
+
+def flagged(count: StackCount, *reasons: str) -> StackCount:
+    """The count with further reasons, each named once, and the status they give it."""
+    every = tuple(dict.fromkeys(count.reasons + reasons))
+    return replace(count, reasons=every, status="degraded" if _DEGRADING & set(every) else "ok")
 
 
 def _bound(expected: float, ratios: np.ndarray, volume_spread: float, share: float) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.errors import ViewError
-from stack_counter.types import Intrinsics, View
+from stack_counter.types import Intrinsics
 
 _ENCODINGS = {"rgb8": (np.uint8, 3), "bgr8": (np.uint8, 3), "rgba8": (np.uint8, 4),
               "bgra8": (np.uint8, 4), "mono8": (np.uint8, 1), "8UC1": (np.uint8, 1),
@@ -136,19 +136,3 @@ def transform_to_matrix(transform: Any) -> np.ndarray:
     q, t = transform.rotation, transform.translation
     return geometry.pose_from_quaternion(np.array([q.x, q.y, q.z, q.w]),
                                          np.array([t.x, t.y, t.z]))
-
-
-def posed_image_to_view(message: Any) -> View:
-    """View of a `PosedImage`.
-
-    Raises:
-        ViewError: any of the reasons above.
-    """
-    def part(image: Any, decode: Any) -> np.ndarray | None:
-        return decode(image) if len(image.data) else None
-
-    return View(
-        stamp_ns=stamp_ns(message.header.stamp), camera=message.header.frame_id,
-        intrinsics=camera_info_to_intrinsics(message.camera_info), fixed=message.camera_fixed,
-        T_world_camera=pose_to_matrix(message.pose), color=part(message.color, color_to_array),
-        depth=part(message.depth, depth_to_metres), labels=part(message.labels, labels_to_array))

@@ -24,8 +24,16 @@ from stack_counter.segmentation import Segmenter
 from stack_counter.segmentation.geometric import Geometric
 from stack_counter.segmentation.given import GivenLabels
 from stack_counter.tsdf import TopView, Tsdf
-from stack_counter.types import (PARTS, Container, KeyView, Mesh, StackCount, StackVolume, View,
-                                 ViewTally)
+from stack_counter.types import (
+    PARTS,
+    Container,
+    KeyView,
+    Mesh,
+    StackCount,
+    StackVolume,
+    View,
+    ViewTally,
+)
 from stack_counter.volume import measure
 
 _FIRST_VIEWS = 3  # the region of interest is found from this many

@@ -9,15 +9,26 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose
 from sensor_msgs.msg import CameraInfo, Image
-from stack_counter_msgs.msg import (Container as ContainerMsg, HeightMap as HeightMapMsg,
-                                    KeyView as KeyViewMsg, PosedImage, StackCount as StackCountMsg,
-                                    StackVolume as StackVolumeMsg, StageSeconds,
-                                    ViewTally as ViewTallyMsg)
+from stack_counter_msgs.msg import Container as ContainerMsg
+from stack_counter_msgs.msg import HeightMap as HeightMapMsg
+from stack_counter_msgs.msg import KeyView as KeyViewMsg
+from stack_counter_msgs.msg import PosedImage, StageSeconds
+from stack_counter_msgs.msg import StackCount as StackCountMsg
+from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
+from stack_counter_msgs.msg import ViewTally as ViewTallyMsg
 from std_msgs.msg import Header
 
-from stack_counter import geometry, messages
-from stack_counter.types import (Container, HeightMap, Intrinsics, KeyView, StackCount,
-                                 StackVolume, View, ViewTally)
+from stack_counter import geometry
+from stack_counter.types import (
+    Container,
+    HeightMap,
+    Intrinsics,
+    KeyView,
+    StackCount,
+    StackVolume,
+    View,
+    ViewTally,
+)
 
 _STATUS = {"ok": StackCountMsg.STATUS_OK, "degraded": StackCountMsg.STATUS_DEGRADED}
 
@@ -90,13 +101,6 @@ def to_container(c: Container) -> ContainerMsg:
     return message
 
 
-def from_container(message: ContainerMsg) -> Container:
-    """Container of its message."""
-    size = message.inner_size
-    return Container(message.kind, messages.pose_to_matrix(message.pose), (size.x, size.y, size.z),
-                     message.wall_thickness, message.floor_thickness)
-
-
 def to_height_map(m: HeightMap | None) -> HeightMapMsg:
     """Height map message; without cells for None."""
     if m is None:
@@ -104,14 +108,6 @@ def to_height_map(m: HeightMap | None) -> HeightMapMsg:
     rows, cols = m.heights.shape
     return HeightMapMsg(pose=to_pose(m.T_world_map), pitch=m.pitch, rows=rows, cols=cols,
                         heights=array.array("f", m.heights.astype(np.float32).tobytes()))
-
-
-def from_height_map(message: HeightMapMsg) -> HeightMap | None:
-    """Height map of its message; None without cells."""
-    if not message.rows:
-        return None
-    heights = np.array(message.heights, np.float32).reshape(message.rows, message.cols)
-    return HeightMap(messages.pose_to_matrix(message.pose), message.pitch, heights)
 
 
 def to_key_view(view: KeyView, frame_id: str) -> KeyViewMsg:
@@ -131,22 +127,17 @@ def to_tally(tally: ViewTally) -> ViewTallyMsg:
                         skip_counts=list(tally.skipped.values()))
 
 
-def from_tally(message: ViewTallyMsg) -> ViewTally:
-    """Tally of its message."""
-    return ViewTally(message.received, message.used,
-                     dict(zip(message.skip_reasons, (int(n) for n in message.skip_counts))))
-
-
 def to_seconds(seconds: dict[str, float]) -> StageSeconds:
     """Stage times message."""
     return StageSeconds(stages=list(seconds), seconds=list(seconds.values()))
 
 
-def to_stack_volume(v: StackVolume, world_frame: str, request: PosedImage) -> StackVolumeMsg:
+def to_stack_volume(v: StackVolume, world_frame: str, request: PosedImage, final: bool
+                    ) -> StackVolumeMsg:
     """Volume message; `request` is a posed image of the scan: its id and part are copied."""
     message = StackVolumeMsg(
-        header=to_header(v.stamp_ns, world_frame), scan_id=request.scan_id, part=request.part,
-        unit_volume=request.unit_volume, stack_volume=v.stack_volume,
+        header=to_header(v.stamp_ns, world_frame), scan_id=request.scan_id, final=final,
+        part=request.part, unit_volume=request.unit_volume, stack_volume=v.stack_volume,
         stack_volume_std=v.stack_volume_std, container=to_container(v.container),
         coverage=v.coverage, top=to_height_map(v.top), inner=to_height_map(v.inner),
         has_key_view=v.key_view is not None, views=to_tally(v.views), reasons=list(v.reasons),
@@ -155,18 +146,6 @@ def to_stack_volume(v: StackVolume, world_frame: str, request: PosedImage) -> St
     if v.key_view is not None:
         message.key_view = to_key_view(v.key_view, request.header.frame_id)
     return message
-
-
-def from_stack_volume(message: StackVolumeMsg) -> StackVolume:
-    """What the counter needs of a volume: all but the key view's pictures and the mesh."""
-    return StackVolume(
-        stamp_ns=messages.stamp_ns(message.header.stamp), stack_volume=message.stack_volume,
-        stack_volume_std=message.stack_volume_std, container=from_container(message.container),
-        fill_level=(message.fill_level_min, message.fill_level_mean, message.fill_level_max),
-        coverage=message.coverage, top=from_height_map(message.top),
-        inner=from_height_map(message.inner), key_view=None, views=from_tally(message.views),
-        reasons=tuple(message.reasons),
-        seconds=dict(zip(message.seconds.stages, message.seconds.seconds)))
 
 
 def to_stack_count(c: StackCount, request: StackVolumeMsg) -> StackCountMsg:
@@ -183,7 +162,7 @@ def to_stack_count(c: StackCount, request: StackVolumeMsg) -> StackCountMsg:
 def failed_count(error: str, request: StackVolumeMsg) -> StackCountMsg:
     """Count message of a scan that gives no count, with the reason."""
     return StackCountMsg(
-        header=request.header, scan_id=request.scan_id, part=request.part,
+        header=request.header, scan_id=request.scan_id, final=request.final, part=request.part,
         unit_volume=request.unit_volume, confidence=math.nan, gamma=math.nan, gamma_std=math.nan,
         stack_volume=request.stack_volume, stack_volume_std=request.stack_volume_std,
         container=request.container, views=request.views, status=StackCountMsg.STATUS_ERROR,

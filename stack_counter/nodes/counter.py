@@ -12,11 +12,12 @@ from std_msgs.msg import Header
 from stack_counter.config import CounterConfig
 from stack_counter.errors import PartError
 from stack_counter.nodes.base import LATCHED, ManagedNode, run
-from stack_counter.nodes.conversions import failed_count, from_stack_volume, to_stack_count
+from stack_counter.nodes.conversions import failed_count, to_stack_count
 from stack_counter.nodes.count_action import CountAction
 from stack_counter.occupancy import make_estimator
 from stack_counter.parts import resolve_unit_volume
 from stack_counter.pipeline import count_stack
+from stack_counter.stack_messages import from_stack_volume
 
 _LEVELS = {StackCount.STATUS_OK: DiagnosticStatus.OK,
            StackCount.STATUS_DEGRADED: DiagnosticStatus.WARN,

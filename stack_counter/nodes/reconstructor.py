@@ -10,13 +10,13 @@ from stack_counter_msgs.msg import PosedImage, ScanStatus, StackVolume
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from stack_counter import messages
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.nodes.base import LATCHED, RELIABLE, ManagedNode, run
-from stack_counter.nodes.conversions import from_tally, to_header, to_stack_volume, to_tally
+from stack_counter.nodes.conversions import to_header, to_stack_volume, to_tally
 from stack_counter.nodes.markers import container_markers, surface_points
 from stack_counter.pipeline import StackCounter, joined_tally
+from stack_counter.stack_messages import from_posed_image
 from stack_counter.types import ViewTally
 
 _LOST_AFTER_S = 5.0  # a scan that was stopped waits this long for images on their way
@@ -50,12 +50,12 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
             self._start(message)
         self._received += 1
         try:
-            self._stack.add_view(messages.posed_image_to_view(message))
+            self._stack.add_view(from_posed_image(message))
         except ViewError as error:
             self.get_logger().warning(f"view skipped: {error}", throttle_duration_sec=5.0)
         self._report()
         if self._config.live:
-            self._publish_volume()
+            self._publish_volume(final=False)
         self._finish_if_whole()
 
     def _start(self, message: PosedImage) -> None:
@@ -80,25 +80,25 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         late = time.monotonic() - self._stopped_at > _LOST_AFTER_S
         if self._received < self._stopped.processed and not late:
             return
-        self._publish_volume(lost=self._stopped.processed - self._received)
+        self._publish_volume(final=True, lost=self._stopped.processed - self._received)
         self._stopped = None
 
-    def _publish_volume(self, lost: int = 0) -> None:
+    def _publish_volume(self, final: bool, lost: int = 0) -> None:
         assert self._scan is not None  # for the type checker
         scan, frame = self._scan, self._scan.world_frame
         try:
             volume = self._stack.volume()
         except ScanError as error:
-            if not self._config.live or self._stopped is not None:
+            if final:
                 self._volume.publish(StackVolume(
-                    header=scan.header, scan_id=scan.scan_id, part=scan.part,
+                    header=scan.header, scan_id=scan.scan_id, final=True, part=scan.part,
                     unit_volume=scan.unit_volume, error=str(error),
                     views=to_tally(self._tally(self._stack.tally))))
             return
         if lost > 0:
             volume = replace(volume, reasons=volume.reasons + ("views_lost",))
         volume = replace(volume, views=self._tally(volume.views))
-        self._volume.publish(to_stack_volume(volume, frame, scan))
+        self._volume.publish(to_stack_volume(volume, frame, scan, final))
         header = to_header(volume.stamp_ns, frame)
         self._markers.publish(container_markers(volume.container, header))
         if volume.mesh is not None:
@@ -108,8 +108,9 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         """The scan's tally with what the collector skipped, once it is stopped."""
         if self._stopped is None:
             return used
-        collected = from_tally_of(self._stopped)
-        return joined_tally(collected, used)
+        status = self._stopped
+        skipped = dict(zip(status.skip_reasons, (int(n) for n in status.skip_counts)))
+        return joined_tally(ViewTally(status.received, status.processed, skipped), used)
 
     def _report(self) -> None:
         tally = self._stack.tally
@@ -125,12 +126,6 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self._stack.reset()
         response.success = True
         return response
-
-
-def from_tally_of(status: ScanStatus) -> ViewTally:
-    """The collector's tally in its status."""
-    return ViewTally(status.received, status.processed,
-                     dict(zip(status.skip_reasons, (int(n) for n in status.skip_counts))))
 
 
 def main() -> None:

@@ -1,0 +1,235 @@
+"""Plays a bag through the three real nodes and waits for their count: `replay --nodes`."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from stack_counter.bag.reader import BagReader, fit_config, open_bag
+from stack_counter_msgs.msg import ScanStatus, StackCount, StackVolume
+from stack_counter_msgs.srv import StartScan, StopScan
+
+from stack_counter.bag.processes import NodeError, NodeProcesses, private_environment
+from stack_counter.bag.replay import Replayed, count_entry
+from stack_counter.config import NAMESPACE, CollectorConfig, Config
+from stack_counter.counting import flagged
+from stack_counter.errors import ScanError
+from stack_counter.stack_messages import from_stack_count
+
+_AHEAD = 4  # images played that have not yet been processed
+_START_WITHIN_S = 60.0
+_STALL_S = 30.0  # no image processed for so long: a node hangs
+_SETTLE_S = 3.0  # last images wait so long for depth or TF that may still come
+_TRANSIENT = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Player(Node):
+    """Publishes a bag's records and follows the scan."""
+
+    def __init__(self, collector: CollectorConfig, topics: dict[str, str],
+                 context: rclpy.context.Context):
+        """`topics`: type names by topic, those the collector listens to."""
+        super().__init__("player", namespace=NAMESPACE, context=context)
+        self._changed = threading.Condition()
+        self._collector = self._reconstructor = ScanStatus()
+        self.volume = StackVolume()  # the last one
+        self.counts: list[StackCount] = []
+        self._color = collector.color_topic + (
+            "/compressed" if collector.color_transport == "compressed" else "")
+        self._publishers_of: dict[str, Publisher] = {
+            topic: self.create_publisher(
+                _message_type(kind), topic,
+                _TRANSIENT if topic == "/tf_static" else QoSProfile(depth=1000 if topic == "/tf"
+                                                                    else 50))
+            for topic, kind in topics.items()}
+        self.create_subscription(ScanStatus, "scan_status", self._on_status, QoSProfile(depth=500))
+        self.create_subscription(StackVolume, "volume", self._on_volume, _TRANSIENT)
+        self.create_subscription(StackCount, "count", self._on_count, _TRANSIENT)
+        self._start = self.create_client(StartScan, "start_scan")
+        self._stop = self.create_client(StopScan, "stop_scan")
+
+    # --- what the nodes say -------------------------------------------------------------------
+
+    def _on_status(self, message: ScanStatus) -> None:
+        with self._changed:
+            if message.node == "collector":
+                self._collector = message
+            elif message.scan_id == self._collector.scan_id:
+                self._reconstructor = message
+            self._changed.notify_all()
+
+    def _on_volume(self, message: StackVolume) -> None:
+        with self._changed:
+            self.volume = message
+
+    def _on_count(self, message: StackCount) -> None:
+        with self._changed:
+            self.counts.append(message)
+            self._changed.notify_all()
+
+    def wait(self, condition: Callable[[], bool], seconds: float, check: Callable[[], None]
+             ) -> bool:
+        """Waits for a condition on what the nodes have said; `check` raises if a node died."""
+        deadline = time.monotonic() + seconds
+        with self._changed:
+            while not condition():
+                left = deadline - time.monotonic()
+                if left <= 0:
+                    return False
+                check()
+                self._changed.wait(min(left, 0.2))
+        return True
+
+    def connected(self) -> bool:
+        """Whether all three nodes are up and hear what is played."""
+        return (self._start.service_is_ready() and self._stop.service_is_ready()
+                and all(p.get_subscription_count() for p in self._publishers_of.values())
+                and bool(self.count_publishers("volume")) and bool(self.count_publishers("count"))
+                and bool(self.count_subscribers("posed_images"))
+                and self.count_subscribers("volume") >= 2)
+
+    def processed(self) -> int:
+        """Images of this scan that are done with: used, or skipped by either node."""
+        return sum(self._collector.skip_counts) + self._reconstructor.received
+
+    # --- the scan -----------------------------------------------------------------------------
+
+    def call(self, client: Any, request: Any, check: Callable[[], None]) -> Any:
+        """A service's answer."""
+        future = client.call_async(request)
+        if not self.wait(future.done, _START_WITHIN_S, check):
+            raise NodeError(f"service {client.srv_name} gave no answer within {_START_WITHIN_S} s")
+        return future.result()
+
+    def start_scan(self, part: str, unit_volume: float, check: Callable[[], None]) -> str:
+        """Opens a scan; returns its id."""
+        answer = self.call(self._start, StartScan.Request(part=part, unit_volume=unit_volume),
+                           check)
+        if not answer.accepted:
+            raise NodeError(f"start_scan refused: {answer.message}")
+        return answer.scan_id
+
+    def play(self, reader: BagReader, rate: float, on_view: Callable[[], None],
+             check: Callable[[], None]) -> None:
+        """Publishes all records, at most a few images ahead of the nodes."""
+        sent, first_ns, begin = 0, None, time.monotonic()
+        for record in reader.records(set(self._publishers_of)):
+            first_ns = record.log_time_ns if first_ns is None else first_ns
+            if rate:
+                due = begin + (record.log_time_ns - first_ns) * 1e-9 / rate
+                self.wait(lambda: time.monotonic() >= due, due - time.monotonic(), check)
+            if record.topic == self._color:
+                # No more than a hint at a rate: real time does not wait for slow nodes.
+                if not self.wait(lambda: sent - self.processed() < _AHEAD,
+                                 0 if rate else _STALL_S, check) and not rate:
+                    raise NodeError(f"{self.processed()} of {sent} images processed and none for "
+                                    f"{_STALL_S} s; expected progress")
+                sent += 1
+                on_view()
+            self._publishers_of[record.topic].publish(record.data)
+        self.wait(lambda: self.processed() >= sent, _SETTLE_S, check)
+
+    def stop_scan(self, scan_id: str, check: Callable[[], None]) -> StackCount:
+        """Ends the scan; returns its final count."""
+        self.call(self._stop, StopScan.Request(), check)
+
+        def final() -> bool:
+            last = self.counts[-1] if self.counts else StackCount()
+            return last.final and last.scan_id == scan_id == self.volume.scan_id
+
+        if not self.wait(final, _START_WITHIN_S, check):
+            raise NodeError(f"no count of scan '{scan_id}' within {_START_WITHIN_S} s")
+        return self.counts[-1]
+
+
+def _message_type(name: str) -> type:
+    """The class of a type named as in a bag, e.g. `sensor_msgs/msg/Image`."""
+    package, _, kind = name.split("/")
+    return getattr(importlib.import_module(f"{package}.msg"), kind)
+
+
+def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate: float,
+                 on_view: Callable[[], None]) -> Replayed:
+    """Plays a bag through collector, reconstructor and counter over DDS.
+
+    Args:
+        path: rosbag2 folder or .mcap file.
+        config: settings; topics are fitted to the bag.
+        part, unit_volume: what is in the bin; m3, 0 for the part's.
+        rate: 0 to play as fast as the nodes take it, or the speed of the recording's clock.
+        on_view: called for each image played.
+
+    Raises:
+        BagError: the bag has no usable topics.
+        NodeError: a node died or hangs.
+        ScanError: the nodes say why there is no count.
+    """
+    begin = time.perf_counter()
+    environment = private_environment()
+    os.environ.update(environment)  # read by the DDS library when the context starts
+    context = rclpy.context.Context()
+    with open_bag(path) as reader:
+        collector = fit_config(config.collector, reader.topics)
+        wanted = {name: reader.topics[name][0] for name in _topics(collector)
+                  if name in reader.topics}
+        rclpy.init(context=context, domain_id=int(environment["ROS_DOMAIN_ID"]))
+        player = Player(collector, wanted, context)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(player)
+        spinner = threading.Thread(target=_spin, args=(executor,), daemon=True)
+        spinner.start()
+        try:
+            with NodeProcesses(replace(config, collector=collector), environment) as nodes:
+                if not player.wait(player.connected, _START_WITHIN_S, nodes.check):
+                    raise NodeError(f"nodes not connected within {_START_WITHIN_S} s; last words: "
+                                    f"{nodes.log('reconstructor')[-200:]!r}")
+                loaded = time.perf_counter()
+                scan_id = player.start_scan(part, unit_volume, nodes.check)
+                player.play(reader, rate, on_view, nodes.check)
+                played = time.perf_counter()
+                message = player.stop_scan(scan_id, nodes.check)
+                truncated = reader.truncated
+        finally:
+            executor.shutdown()
+            player.destroy_node()
+            rclpy.try_shutdown(context=context)
+            spinner.join()
+    if message.error:
+        raise ScanError(message.error)
+    count = from_stack_count(message, player.volume)
+    if truncated:
+        count = flagged(count, "bag_truncated")
+    seconds = {"load": loaded - begin, "read": played - loaded,
+               "total": time.perf_counter() - begin}
+    by_stamp = {c.volume.stamp_ns: count_entry(c) for c in
+                (from_stack_count(m, StackVolume(header=m.header)) for m in player.counts
+                 if not m.error)}
+    return Replayed(replace(count, seconds={**count.seconds, **seconds}),
+                    list(by_stamp.values()) if config.reconstructor.live else [])
+
+
+def _topics(collector: CollectorConfig) -> list[str]:
+    """Topics the collector listens to."""
+    suffix = "/compressed" if collector.color_transport == "compressed" else ""
+    names = [collector.color_topic + suffix, collector.camera_info_topic, collector.depth_topic,
+             collector.labels_topic]
+    names += [collector.pose_topic] if collector.pose_source == "topic" else ["/tf", "/tf_static"]
+    return [name for name in names if name]
+
+
+def _spin(executor: SingleThreadedExecutor) -> None:
+    try:
+        executor.spin()
+    except ExternalShutdownException:
+        pass

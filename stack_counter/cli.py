@@ -1,0 +1,182 @@
+"""The command `stack-counter`.
+
+Exit codes: 0 a count (0 for an empty container is one); 2 the command line, part, configuration
+or a path that is not there; 3 a bag that cannot give a count, with one line on stderr.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from tqdm import tqdm
+
+from stack_counter import __version__
+from stack_counter.config import Config, CounterConfig, build, load
+from stack_counter.counting import check_unit_volume
+from stack_counter.errors import (
+    BagError,
+    ConfigError,
+    PartError,
+    ScanError,
+    StackCounterError,
+    WeightsError,
+)
+from stack_counter.parts import resolve_unit_volume
+from stack_counter.resources import config_path
+
+_USAGE, _NO_COUNT = 2, 3
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command; returns its exit code."""
+    options = _parser().parse_args(arguments)
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    try:
+        return options.run(options)
+    except (ConfigError, PartError, WeightsError, FileNotFoundError) as error:
+        return _fail(error, _USAGE)
+    except (BagError, ScanError, StackCounterError) as error:
+        return _fail(error, _NO_COUNT)
+    except OSError as error:
+        return _fail(error, _USAGE)
+    except KeyboardInterrupt:
+        return 130
+
+
+def _fail(error: Exception, code: int) -> int:
+    print(f"stack-counter: {' '.join(str(error).split())}", file=sys.stderr)
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="stack-counter", description=(
+        "Counts identical parts stacked in a bin from a few posed views."))
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _add_replay(commands)
+    importer = commands.add_parser("import", help="nerfstudio folder to bag")
+    importer.add_argument("scene", type=Path, help="folder with transforms.json")
+    importer.add_argument("out", type=Path, help="bag to write (a new folder)")
+    importer.set_defaults(run=_import)
+    info = commands.add_parser("info", help="topics, frames, views and problems of a bag")
+    info.add_argument("bag", type=Path)
+    info.set_defaults(run=_info)
+    _add_simulate(commands)
+    return parser
+
+
+def _add_replay(commands: argparse._SubParsersAction) -> None:
+    replay = commands.add_parser("replay", help="count the stack of a recorded bag")
+    replay.add_argument("bag", type=Path, help="rosbag2 folder or .mcap file")
+    part = replay.add_mutually_exclusive_group()
+    part.add_argument("--part", default="", metavar="NAME", help="part of config/parts.yaml")
+    part.add_argument("--unit-volume-cm3", type=float, metavar="X", help="volume of one part")
+    replay.add_argument("--config", type=Path, metavar="FILE", help="settings (ROS parameters)")
+    replay.add_argument("--json", type=Path, metavar="OUT", help="write the result here")
+    replay.add_argument("--report", type=Path, metavar="DIR", help="write pictures here")
+    how = replay.add_mutually_exclusive_group()
+    how.add_argument("--nodes", dest="nodes", action="store_true", default=True,
+                     help="through the three ROS 2 nodes (default)")
+    how.add_argument("--direct", dest="nodes", action="store_false",
+                     help="in one process without ROS")
+    replay.add_argument("--live", action="store_true", help="a count after every view")
+    replay.add_argument("--rate", type=float, default=0.0, metavar="X",
+                        help="speed of the recording's clock; default: as fast as possible")
+    replay.add_argument("--confidence", type=float, metavar="P", help="of the interval, e.g. 0.9")
+    replay.add_argument("--estimator", metavar="NAME", help="what says gamma")
+    replay.add_argument("--weights", type=Path, metavar="PATH", help="its weights (safetensors)")
+    replay.add_argument("--prompts", type=Path, metavar="FILE",
+                        help="points or boxes for the prompted segmenter")
+    replay.set_defaults(run=_replay)
+
+
+def _add_simulate(commands: argparse._SubParsersAction) -> None:
+    simulate = commands.add_parser("simulate", help="simulate piles of parts")
+    simulate.add_argument("--scenes", type=int, required=True, metavar="N")
+    simulate.add_argument("--workers", type=int, default=1, metavar="W")
+    simulate.add_argument("--seed", type=int, default=0, metavar="S")
+    simulate.add_argument("--out", type=Path, required=True, metavar="DIR")
+    simulate.set_defaults(run=_simulate)
+
+
+def _settings(options: argparse.Namespace) -> Config:
+    """The settings file (or the shipped one) with the command line's own on top."""
+    if options.prompts is not None:
+        raise ConfigError(f"--prompts {options.prompts}: the prompted segmenter is not part of "
+                          "this version; record label images instead")
+    if options.rate < 0:
+        raise ConfigError(f"--rate is {options.rate}; expected above 0")
+    config = load(options.config or config_path("stack_counter.yaml"))
+    chosen = {"confidence": options.confidence, "estimator": options.estimator,
+              "weights": str(options.weights) if options.weights else None}
+    values = {**config.counter.__dict__,
+              **{key: value for key, value in chosen.items() if value is not None}}
+    return replace(config, counter=build(CounterConfig, values),
+                   reconstructor=replace(config.reconstructor,
+                                         live=options.live or config.reconstructor.live))
+
+
+def _replay(options: argparse.Namespace) -> int:
+    config = _settings(options)
+    part, given = options.part or config.counter.part, config.counter.unit_volume_m3
+    if options.unit_volume_cm3 is not None:
+        part, given = "", check_unit_volume(options.unit_volume_cm3 * 1e-6)
+    unit_volume = resolve_unit_volume(part, given)
+    if not options.bag.exists():
+        raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
+    from stack_counter.report import as_dict, as_text, write_report  # after the cheap checks
+
+    with tqdm(unit=" views", desc="replay", disable=not sys.stderr.isatty()) as bar:
+        if options.nodes:
+            from stack_counter.bag.player import replay_nodes
+
+            result = replay_nodes(options.bag, config, part, unit_volume, options.rate,
+                                  lambda: bar.update() and None)
+        else:
+            from stack_counter.bag.replay import replay_direct
+
+            result = replay_direct(options.bag, config, unit_volume, options.rate,
+                                   lambda: bar.update() and None)
+    print(as_text(result.count, _true_count(options.bag)))
+    if options.json:
+        text = json.dumps(as_dict(result.count, result.counts), indent=2)
+        options.json.write_text(text + "\n")
+    if options.report:
+        write_report(options.report, result.count, result.counts)
+    return 0
+
+
+def _true_count(bag: Path) -> int | None:
+    """The count that a simulated recording states beside its data."""
+    truth = bag / "truth.json"
+    return int(json.loads(truth.read_text())["count"]) if truth.is_file() else None
+
+
+def _import(options: argparse.Namespace) -> int:
+    from stack_counter.bag.nerfstudio import import_scene
+
+    print(import_scene(options.scene, options.out))
+    return 0
+
+
+def _info(options: argparse.Namespace) -> int:
+    from stack_counter.bag.info import describe
+
+    print(describe(options.bag))
+    return 0
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from stack_counter.sim.dataset import simulate
+
+    simulate(options.out, options.scenes, options.workers, options.seed)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
