@@ -28,8 +28,8 @@ step() {  # step NAME COMMAND...
     echo "done ($((SECONDS - start)) s)"
   else
     echo "FAILED"
-    why=$(sed '1,/^=== '"${name//\//.}"'/d' "$log" | grep -iE 'error|fatal|cannot|not found|no space' \
-          | tail -n 1 | cut -c 1-200 || true)
+    why=$(sed '1,/^=== '"${name//\//.}"'/d' "$log" |
+          grep -iE 'error|fatal|cannot|not found|no space' | tail -n 1 | cut -c 1-200 || true)
     fail "$name: ${why:-no error message}; log: .venv/setup.log"
   fi
 }
@@ -112,8 +112,12 @@ made_with= made_mode=
 if [[ -f $venv/stamps/environment ]]; then
   { read -r made_with; read -r made_mode; } <"$venv/stamps/environment"
   if [[ $made_mode != "$mode" ]]; then
-    fail "ROS_DISTRO is '${ROS_DISTRO:-}' and .venv was made with ROS 2 from $made_mode;" \
-         "open a shell as it was then, or start anew with 'make clean'"
+    if [[ $mode == wheels ]]; then
+      fail ".venv was made with ROS 2 sourced and now it is not; source it, or start anew" \
+           "with 'make clean'"
+    fi
+    fail ".venv was made with ROS 2 from wheels and now ROS 2 is sourced; open a shell without" \
+         "it, or start anew with 'make clean'"
   fi
 fi
 python=$(find_python)
@@ -245,10 +249,10 @@ SH
 
 built_on=$(ls "$venv"/lib/python3*/site-packages | grep -E '^ros_.*dist-info' || true)
 messages=$(key "$environment" "$built_on" msg_defs)
-if changed messages "$messages" || { [[ $mode == sourced ]] && changed colcon "$package"; }; then
+[[ $mode == wheels ]] || messages=$(key "$messages" "$package" stack_counter)  # colcon copies code
+if changed messages "$messages"; then
   if [[ $mode == sourced ]]; then
     step "messages and nodes (colcon)" build_with_colcon
-    stamp colcon "$package"
     echo "source '$root/install/setup.bash'" >"$venv/ros.bash"
   else
     step "messages stack_counter_msgs" build_wheel msg_defs
@@ -264,8 +268,8 @@ fi
 
 # --- does it work? -------------------------------------------------------------------------
 
-check() {
-  source "$venv/ros.bash" && "$venv/bin/python" -c '
+check() {  # in a shell of its own: ROS's set-up files read variables that may be unset
+  bash -c 'source "$1/ros.bash" && "$1/bin/python" -c "$2"' check "$venv" '
 import rclpy, stack_counter_msgs.msg, tf2_msgs.msg
 import cv2, open3d, torch'
 }
