@@ -19,6 +19,10 @@ fail() {
   exit 1
 }
 
+# What pip and CMake say after the cause of a failure.
+boilerplate='subprocess-exited|problem with pip|(installable|building|Building) wheel|error code'
+boilerplate+='|metadata-generation|Configuring incomplete|^error: metadata|Error while generating'
+
 step() {  # step NAME COMMAND...
   local name=$1 start=$SECONDS why
   shift
@@ -29,7 +33,8 @@ step() {  # step NAME COMMAND...
   else
     echo "FAILED"
     why=$(sed '1,/^=== '"${name//\//.}"'/d' "$log" |
-          grep -iE 'error|fatal|cannot|not found|no space' | tail -n 1 | cut -c 1-200 || true)
+          grep -iE 'error|fatal|cannot|not found|no space' | grep -vE "$boilerplate" |
+          tail -n 1 | sed 's/^ *//' | cut -c 1-200 || true)
     fail "$name: ${why:-no error message}; log: .venv/setup.log"
   fi
 }
