@@ -18,11 +18,11 @@ from stack_counter.region import Region
 from stack_counter.tsdf import TopView
 from stack_counter.types import Container, HeightMap
 
-_LOWEST = 0.006  # what stands less than this above the plane is noise, m
 _LEVEL = 0.003  # how level a rim is, m
 _BAND = 0.006  # how far from the outline the rim is looked for, m
 _STEP = 0.0005  # sampling across the rim, m
 _REACH = 0.020  # how far on both sides of the first guess an edge is looked for, m
+_STRAIGHT = 0.004  # how straight an edge is, m
 _MIN_RIM = 0.5  # share of the outline on which a rim must be seen
 _MIN_DROP = 0.15  # share of the outline on which the drop inside the rim must be seen
 
@@ -41,12 +41,14 @@ class _Rim:
     drop_share: float
 
 
-def find_container(view: TopView, region: Region, config: ReconstructorConfig) -> Container:
+def find_container(view: TopView, region: Region, pitch: float, config: ReconstructorConfig
+                   ) -> Container:
     """The container as configured, or as found.
 
     Args:
         view: the fused surface.
         region: where to look; its `plane_z` is the support plane.
+        pitch: side of a cell of the map that is searched, m: the voxel's.
         config: `container_*` settings; zeros are measured.
 
     Returns:
@@ -60,7 +62,7 @@ def find_container(view: TopView, region: Region, config: ReconstructorConfig) -
         return no_container(region)
     if config.container_pose == "given":
         return _configured(config, region)
-    rim = _find_rim(view, region, config.voxel_size)
+    rim = _find_rim(view, region, pitch)
     seen = rim is not None and rim.rim_share >= _MIN_RIM and (
         rim.drop_share >= _MIN_DROP or config.container_wall_m > 0
         or np.any(config.container_inner_size_m))
@@ -119,7 +121,7 @@ def _find_rim(view: TopView, region: Region, pitch: float) -> _Rim | None:
     shape = np.ceil((region.high - region.low)[1::-1] / pitch).astype(int)
     T_world_map = geometry.pose(np.eye(3), [region.low[0], region.low[1], region.plane_z])
     top = view.heights(T_world_map, pitch, (int(shape[0]), int(shape[1])))
-    ring, height = _level_ring(top)
+    ring, height = _level_ring(top, region.lowest)
     if np.count_nonzero(ring) < 20:
         return None
     rows, cols = np.nonzero(ring)
@@ -134,9 +136,9 @@ def _find_rim(view: TopView, region: Region, pitch: float) -> _Rim | None:
     return rim
 
 
-def _level_ring(top: HeightMap) -> tuple[np.ndarray, float]:
+def _level_ring(top: HeightMap, lowest: float) -> tuple[np.ndarray, float]:
     """(rows, cols) bool of the cells level with the outer edge of the blob, and that height."""
-    blob = np.nan_to_num(top.heights, nan=0.0) > _LOWEST
+    blob = np.nan_to_num(top.heights, nan=0.0) > lowest
     names, count = ndimage.label(ndimage.binary_closing(blob, iterations=2))
     if not count:
         return blob, 0.0
@@ -160,17 +162,18 @@ def _refine(view: TopView, T: np.ndarray, outer: np.ndarray, height: float
     for side in range(4):
         profile = _profiles(view, T, outer, side, height)
         along, out, drop = profile
-        seen = np.isfinite(out)
-        rims.append(seen.mean())
-        drops.append(np.isfinite(drop).mean())
-        if np.count_nonzero(seen) < 8:
+        if np.count_nonzero(np.isfinite(out)) < 8:
             return T, outer, None
-        edge = float(np.median(out[seen]))
-        near = seen & (np.abs(out - edge) < 0.004)
+        # A rim is straight: only profiles that agree on where it is count as seeing it.
+        edge = float(np.nanmedian(out))
+        near = np.abs(out - edge) < _STRAIGHT
         slopes.append(np.polyfit(along[near], out[near], 1)[0])
         edges.append(edge)
-        wall = (drop - edge)[np.isfinite(drop)]
-        walls.append(float(np.median(wall)) if len(wall) >= 8 else np.nan)
+        wall = float(np.nanmedian(drop)) - edge if np.isfinite(drop).any() else np.nan
+        agree = np.abs(drop - edge - wall) < _STRAIGHT
+        walls.append(wall if np.count_nonzero(agree) >= 8 else np.nan)
+        rims.append(near.mean())
+        drops.append((near & agree).mean())
     # Turning the frame by a small angle slopes every side alike (see _profiles for the signs).
     shift = np.array([edges[0] - edges[1], edges[2] - edges[3]]) / 2
     outer = outer - [edges[0] + edges[1], edges[2] + edges[3]]

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from stack_counter import geometry, hull
@@ -149,6 +150,7 @@ class StackCounter:
     def _fuse(self, view: View) -> View:
         assert self._region is not None and view.depth is not None  # for the type checker
         view = crop_to_region(view, self._region)
+        view = replace(view, depth=smoothed(view.depth, self._region.noise))
         surface = self._region.holds(world_points(view))
         self._tsdf.integrate(view.depth, surface, view.intrinsics, view.T_world_camera)
         return view
@@ -157,14 +159,15 @@ class StackCounter:
         if self._region is None:
             self._region = find_region(self._views, self._config)  # says what is missing
             self._find_region()
-        region = self._region
+        assert self._region is not None  # for the type checker
+        region, pitch = self._region, self._config.voxel_size
         mesh = self._tsdf.extract_triangle_mesh(_MIN_WEIGHT)
         if not len(mesh.triangles):
             raise ScanError(f"no surface left after carving {len(self._views)} views; expected "
                             "some: depth and poses disagree")
         top = TopView(mesh)
-        container = find_container(top, region, self._config)
-        result = measure(top, container, region, self._config.voxel_size,
+        container = find_container(top, region, pitch, self._config)
+        result = measure(top, container, region, pitch,
                          floor_known=self._config.container_floor_m > 0)
         reasons = []
         if result.coverage < _LOW_COVERAGE:
@@ -202,6 +205,19 @@ class StackCounter:
             yield
         finally:
             self._seconds[stage] += time.perf_counter() - start
+
+
+def smoothed(depth: np.ndarray, noise: float) -> np.ndarray:
+    """(h, w) float32 depth with noise averaged inside surfaces and not across their edges.
+
+    Args:
+        depth: metres, 0 invalid; stays so.
+        noise: standard deviation, metres, that steps are told from.
+    """
+    if noise <= 0:
+        return depth
+    out = cv2.bilateralFilter(depth, 5, 3 * noise, 1.5)
+    return np.where(depth > 0, out, 0).astype(np.float32)
 
 
 def joined_tally(collected: ViewTally, used: ViewTally) -> ViewTally:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -14,18 +14,30 @@ from stack_counter.types import View
 
 _CELL = 0.005  # side of a cell of the map in which blobs are told apart, m
 _STRIDE = 4  # pixels between the points looked at
-_LOWEST = 0.006  # what stands less than this above the plane is noise, m
+_LOWEST = 0.006  # what stands less than this above the plane is never looked at, m
 _GROWTH = 0.1  # farthest that one view can grow the region, m
 _MARGIN = 0.04  # plane kept around the blob: the container's foot and some support, m
 
 
 @dataclass(frozen=True)
 class Region:
-    """An upright box in the world: `low`, `high` (3,) metres; `plane_z` of the support plane."""
+    """An upright box in the world.
+
+    Attributes:
+        low, high: (3,) metres.
+        plane_z: height of the support plane, metres.
+        noise: standard deviation of single depth points around that plane, metres.
+    """
 
     low: np.ndarray
     high: np.ndarray
     plane_z: float
+    noise: float
+
+    @property
+    def lowest(self) -> float:
+        """Height above the plane, metres, below which a single point may be noise."""
+        return max(_LOWEST, 4 * self.noise)
 
     def holds(self, points: np.ndarray) -> np.ndarray:
         """(...) bool for (..., 3) world points, metres."""
@@ -33,8 +45,8 @@ class Region:
 
     def joined(self, other: Region) -> Region:
         """The smallest region around both, with the support plane of this one."""
-        return Region(np.minimum(self.low, other.low), np.maximum(self.high, other.high),
-                      self.plane_z)
+        return replace(self, low=np.minimum(self.low, other.low),
+                       high=np.maximum(self.high, other.high))
 
 
 def world_points(view: View, stride: int = 1) -> np.ndarray:
@@ -70,27 +82,33 @@ def find_region(views: list[View], config: ReconstructorConfig) -> Region:
     if len(points) < 100:
         raise ScanError(f"{len(points)} depth points in the region of interest; "
                         "expected 100 or more")
-    plane_z = _support_height(points)
+    plane_z, noise = _support_plane(points)
+    everything = Region(points.min(axis=0), points.max(axis=0), plane_z, noise)
     if given:
         low = center - size / 2
         low[2] = min(low[2], plane_z - _MARGIN)
-        return Region(low, center + size / 2, plane_z)
-    blob = _largest_blob(points[points[:, 2] > plane_z + _LOWEST])
-    low, high = (blob.min(axis=0), blob.max(axis=0)) if len(blob) else \
-        (points.min(axis=0), points.max(axis=0))
-    return Region(np.append(low[:2] - _MARGIN, plane_z - _MARGIN), high + _MARGIN, plane_z)
+        return replace(everything, low=low, high=center + size / 2)
+    blob = _largest_blob(points[points[:, 2] > plane_z + everything.lowest])
+    if not len(blob):
+        return everything
+    return _around(blob, everything)
+
+
+def _around(blob: np.ndarray, region: Region) -> Region:
+    """What holds these points, the support plane below them, and a margin."""
+    low = np.append(blob[:, :2].min(axis=0), region.plane_z)
+    return replace(region, low=low - _MARGIN, high=blob.max(axis=0) + _MARGIN)
 
 
 def grow(region: Region, view: View) -> Region:
     """The region with what this view shows standing across its border taken in."""
     points = world_points(view, _STRIDE).reshape(-1, 3)
-    around = Region(region.low - _GROWTH, region.high + _GROWTH, region.plane_z)
-    points = points[around.holds(points) & (points[:, 2] > region.plane_z + _LOWEST)]
+    around = replace(region, low=region.low - _GROWTH, high=region.high + _GROWTH)
+    points = points[around.holds(points) & (points[:, 2] > region.plane_z + region.lowest)]
     blob = _largest_blob(points)
     if not len(blob) or not region.holds(blob).any():
         return region
-    low = np.append(blob[:, :2].min(axis=0), region.plane_z)
-    return region.joined(Region(low - _MARGIN, blob.max(axis=0) + _MARGIN, region.plane_z))
+    return region.joined(_around(blob, region))
 
 
 def crop_to_region(view: View, region: Region) -> View:
@@ -107,8 +125,8 @@ def crop_to_region(view: View, region: Region) -> View:
     return geometry.crop(view, pixels.min(axis=0), pixels.max(axis=0))
 
 
-def _support_height(points: np.ndarray) -> float:
-    """Height of the horizontal plane with the most area, as a mode refined by a median."""
+def _support_plane(points: np.ndarray) -> tuple[float, float]:
+    """Height of the horizontal plane with the most area, and the noise of points around it."""
     # Points thin out with distance squared: one vote for each cell and height levels that out.
     voxels = np.unique(np.floor(points / [_CELL, _CELL, 0.002]).astype(np.int64), axis=0)
     level, votes = np.unique(voxels[:, 2], return_counts=True)
@@ -116,7 +134,9 @@ def _support_height(points: np.ndarray) -> float:
     padded[level - level[0] + 1] = votes
     smooth = np.convolve(padded, np.ones(3), mode="same")
     mode = (np.argmax(smooth) - 1 + level[0] + 0.5) * 0.002
-    return float(np.median(points[np.abs(points[:, 2] - mode) < 0.004, 2]))
+    near = points[np.abs(points[:, 2] - mode) < 0.015, 2]
+    height = float(np.median(near))
+    return height, float(1.4826 * np.median(np.abs(near - height)))
 
 
 def _largest_blob(points: np.ndarray) -> np.ndarray:

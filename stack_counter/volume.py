@@ -14,8 +14,8 @@ from stack_counter.tsdf import TopView
 from stack_counter.types import Container, HeightMap
 
 _EDGE = 1.5  # voxels next to a wall in which the fused surface is the wall's rounded shoulder
-_LOWEST = 0.006  # heap: what stands less than this above the plane is noise, m
 _NOISE = 0.002  # bin: what stands less than this above the floor is noise, m
+_FLAT = 0.002  # how level a visible floor is, m
 _LEVEL_ERROR = 0.0007  # standard deviation of a fused height's common error, m
 _EDGE_ERROR = 0.0010  # standard deviation of a fitted wall's place, m
 _FILL_ERROR = 0.25  # relative standard deviation of a height that was filled in
@@ -67,7 +67,7 @@ def _measure_box(view: TopView, container: Container, pitch: float, floor_known:
     rim = container.floor_thickness_m + depth
     floor = container.floor_thickness_m
     if not floor_known:
-        floor = _visible_floor(heights, floor, pitch)
+        floor = _visible_floor(heights, floor)
         container = replace(container, floor_thickness_m=floor,
                             inner_size_m=(width, length, rim - floor))
     fill = heights - floor
@@ -93,21 +93,33 @@ def _away_from_walls(shape: tuple[int, int]) -> np.ndarray:
 
 
 def _filled(heights: np.ndarray, trusted: np.ndarray) -> np.ndarray:
-    """Heights with every cell that is not seen and trusted replaced by the nearest that is."""
+    """Heights with every cell that is not seen and trusted taken from its neighbours.
+
+    What no view saw lies hidden below what hides it: such a cell takes the lowest of the known
+    cells next to it, from the border of a hole inwards.
+    """
     good = np.isfinite(heights) & trusted
     if not good.any():
         raise ScanError(f"{np.count_nonzero(np.isfinite(heights))} cells of the footprint seen; "
                         "expected some: no view looks into it")
-    rows, cols = ndimage.distance_transform_edt(~good, return_distances=False,
-                                                return_indices=True)
-    return heights[rows, cols]
+    out = np.where(good, heights, np.inf)
+    while not good.all():
+        lowest = ndimage.minimum_filter(out, 3, mode="nearest")
+        new = ~good & np.isfinite(lowest)
+        out[new] = lowest[new]
+        good |= new
+    return out
 
 
-def _visible_floor(heights: np.ndarray, assumed: float, pitch: float) -> float:
-    """Height of the floor where it shows (a low, level share of the cells), else as assumed."""
+def _visible_floor(heights: np.ndarray, assumed: float) -> float:
+    """Height of the floor where it shows, else as assumed.
+
+    It shows if the lowest cells lie level, and either fill half of the footprint (a bin that is
+    empty or nearly so) or lie where a floor is expected.
+    """
     low = float(np.percentile(heights, 2))
-    level = np.abs(heights - low) < pitch
-    if low < 2 * assumed + 2 * pitch and level.mean() > 0.05:
+    level = np.abs(heights - low) < _FLAT
+    if level.mean() > 0.5 or (level.mean() > 0.05 and low < assumed + _FLAT):
         return max(float(np.median(heights[level])), 0.0)
     return assumed
 
@@ -116,7 +128,7 @@ def _measure_heap(view: TopView, container: Container, region: Region, pitch: fl
     shape = tuple(int(n) for n in np.ceil((region.high - region.low)[1::-1] / pitch))
     T_world_map = geometry.pose(np.eye(3), [region.low[0], region.low[1], region.plane_z])
     top = view.heights(T_world_map, pitch, (shape[0], shape[1]))
-    stack = ndimage.binary_fill_holes(np.nan_to_num(top.heights, nan=0.0) > _LOWEST)
+    stack = ndimage.binary_fill_holes(np.nan_to_num(top.heights, nan=0.0) > region.lowest)
     coverage = float(np.isfinite(top.heights[stack]).mean()) if stack.any() else 1.0
     heights = _filled(top.heights, np.ones(shape, bool))
     heights = np.where(stack, np.maximum(heights, 0.0), np.nan).astype(np.float32)

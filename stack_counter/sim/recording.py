@@ -1,0 +1,65 @@
+"""Recordings as a robot arm makes them: an arc of views over the bin, noisy depth and poses."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stack_counter import geometry
+from stack_counter.sim.camera import DepthCamera, noisy_pose
+from stack_counter.sim.render import Renderer
+from stack_counter.sim.scene import Scene
+from stack_counter.types import Intrinsics, View
+
+CAMERA = Intrinsics(640, 480, 610.0, 610.0, 319.5, 239.5)
+FRAME = "camera_color_optical_frame"
+_NEAREST = 0.45  # m, from what is looked at
+_MARGIN = 1.35  # of the view, around the bin
+_STEP_NS = 10**9  # between two views
+
+
+def record(scene: Scene, views: int = 12, seed: int = 0, color: bool = True,
+           camera: DepthCamera | None = None) -> list[View]:
+    """Views of a scene; their poses are the reported ones, their pixels those of the true ones.
+
+    Args:
+        views: how many.
+        seed: of the arc, the noise and the materials.
+        color: render colour too (seconds a view).
+        camera: noise model of the depth.
+    """
+    random = np.random.default_rng([seed, scene.index, 0xA7])
+    renderer, sensor = Renderer(scene), camera or DepthCamera()
+    out = []
+    for i, T in enumerate(arc(scene, views, random)):
+        depth, _ = renderer.depth_and_labels(CAMERA, T)
+        out.append(View(
+            stamp_ns=(i + 1) * _STEP_NS, intrinsics=CAMERA,
+            T_world_camera=noisy_pose(T, random), camera=FRAME,
+            depth=sensor.measure(depth, CAMERA, random),
+            color=renderer.color(CAMERA, T, seed) if color else None))
+    return out
+
+
+def arc(scene: Scene, views: int, random: np.random.Generator) -> list[np.ndarray]:
+    """True camera poses: once around the bin, tilted 10 to 45 degrees from the vertical."""
+    points = scene.parts_mesh().vertices.astype(float)
+    low, high = points.min(axis=0), points.max(axis=0)
+    box = scene.container
+    if box.kind == "box":
+        half = np.array(box.inner_size_m[:2]) / 2 + box.wall_thickness_m
+        radius = float(np.linalg.norm(half))
+        top = box.floor_thickness_m + box.inner_size_m[2]
+        target = np.array([*box.T_world_container[:2, 3], top / 2])
+    else:
+        radius = float(np.linalg.norm(high[:2] - low[:2])) / 2
+        target = np.array([*(low[:2] + high[:2]) / 2, high[2] / 2])
+    distance = max(_NEAREST, _MARGIN * radius * CAMERA.fy / (CAMERA.height / 2))
+    begin = random.uniform(0, 2 * np.pi)
+    poses = []
+    for i in range(views):
+        turn = begin + 2 * np.pi * i / views
+        tilt = np.deg2rad((12, 28, 42)[i % 3] + random.uniform(-3, 3))
+        away = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+        eye = target + (distance * random.uniform(1, 1.15)) * away
+        poses.append(geometry.look_at(eye, target + random.normal(0, 0.01, 3)))
+    return poses
