@@ -167,7 +167,7 @@ def _import(options: argparse.Namespace) -> int:
 def _info(options: argparse.Namespace) -> int:
     from stack_counter.bag.info import describe
 
-    print(describe(options.bag))
+    print(describe(options.bag, load(config_path("stack_counter.yaml")).collector))
     return 0
 
 

@@ -22,6 +22,7 @@ _LEVEL = 0.003  # how level a rim is, m
 _BAND = 0.006  # how far from the outline the rim is looked for, m
 _STEP = 0.0005  # sampling across the rim, m
 _REACH = 0.020  # how far on both sides of the first guess an edge is looked for, m
+_MIN_HEIGHT = 0.02  # of a rim that is found by itself, m
 _STRAIGHT = 0.004  # how straight an edge is, m
 _MIN_RIM = 0.5  # share of the outline on which a rim must be seen
 _MIN_DROP = 0.15  # share of the outline on which the drop inside the rim must be seen
@@ -122,7 +123,7 @@ def _find_rim(view: TopView, region: Region, pitch: float) -> _Rim | None:
     T_world_map = geometry.pose(np.eye(3), [region.low[0], region.low[1], region.plane_z])
     top = view.heights(T_world_map, pitch, (int(shape[0]), int(shape[1])))
     ring, height = _level_ring(top, region.lowest)
-    if np.count_nonzero(ring) < 20:
+    if np.count_nonzero(ring) < 20 or height < _MIN_HEIGHT:
         return None
     rows, cols = np.nonzero(ring)
     cells = np.stack([cols + 0.5, rows + 0.5], axis=1) * pitch + region.low[:2]

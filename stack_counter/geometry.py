@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
 
 from stack_counter.errors import ViewError
 from stack_counter.types import UNSEEN, Intrinsics, View
@@ -109,6 +110,12 @@ def pose_change(T_a: np.ndarray, T_b: np.ndarray) -> tuple[float, float]:
     cosine = (np.trace(T_a[:3, :3].T @ T_b[:3, :3]) - 1) / 2
     return (float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3])),
             float(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def interpolate(T_a: np.ndarray, T_b: np.ndarray, share: float) -> np.ndarray:
+    """The pose at `share` (0 to 1) of the way from one to the other: slerp and a straight line."""
+    turn = Slerp([0, 1], Rotation.from_matrix([T_a[:3, :3], T_b[:3, :3]]))(share)
+    return pose(turn.as_matrix(), (1 - share) * T_a[:3, 3] + share * T_b[:3, 3])
 
 
 def check_intrinsics(intrinsics: Intrinsics) -> None:

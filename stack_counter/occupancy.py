@@ -13,7 +13,7 @@ from stack_counter.errors import ConfigError, WeightsError
 from stack_counter.types import OccupancyEstimate, StackVolume
 
 _SHIPPED = "baselines.safetensors"
-_FORMAT = "stack_counter baselines 1"
+FORMAT = "stack_counter baselines 1"
 _TENSORS = {"line": (2,), "prior": (2,), "ratios_corrected": None, "ratios_extrapolated": None,
             "ratios_prior": None}
 
@@ -65,8 +65,8 @@ class Baselines:
                 tensors = {name: file.get_tensor(name).astype(float) for name in file.keys()}
         except (SafetensorError, OSError) as error:
             raise WeightsError(f"{self.path} is not a whole safetensors file: {error}") from error
-        if kind != _FORMAT or set(tensors) != set(_TENSORS):
-            raise WeightsError(f"{self.path} is '{kind}'; expected '{_FORMAT}'")
+        if kind != FORMAT or set(tensors) != set(_TENSORS):
+            raise WeightsError(f"{self.path} is '{kind}'; expected '{FORMAT}'")
         for name, shape in _TENSORS.items():
             if not np.isfinite(tensors[name]).all() or shape not in (None, tensors[name].shape):
                 raise WeightsError(f"{self.path}: {name} is {tensors[name]}; expected finite "

@@ -10,7 +10,6 @@ import bisect
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from stack_counter import geometry
 from stack_counter.errors import ViewError
@@ -114,7 +113,4 @@ class TransformBuffer:
             raise ViewError("no_tf", f"'{name}' in '{edge.parent}' has {sides[0]} before and "
                                      f"{sides[1]} after the image; expected samples at most "
                                      f"{self._max_gap_ns / 1e6:.0f} ms apart")
-        share = before / (before + after)
-        a, b = edge.poses[i - 1], edge.poses[i]
-        turn = Slerp([0, 1], Rotation.from_matrix([a[:3, :3], b[:3, :3]]))(share)
-        return geometry.pose(turn.as_matrix(), (1 - share) * a[:3, 3] + share * b[:3, 3])
+        return geometry.interpolate(edge.poses[i - 1], edge.poses[i], before / (before + after))

@@ -15,6 +15,7 @@ from stack_counter.types import Container, HeightMap
 
 _EDGE = 1.5  # voxels next to a wall in which the fused surface is the wall's rounded shoulder
 _NOISE = 0.002  # bin: what stands less than this above the floor is noise, m
+_HIGHEST_FLOOR = 0.12  # of the rim's height, that a floor may lie above the support plane
 _FLAT = 0.002  # how level a visible floor is, m
 _LEVEL_ERROR = 0.0007  # standard deviation of a fused height's common error, m
 _EDGE_ERROR = 0.0010  # standard deviation of a fitted wall's place, m
@@ -67,7 +68,7 @@ def _measure_box(view: TopView, container: Container, pitch: float, floor_known:
     rim = container.floor_thickness_m + depth
     floor = container.floor_thickness_m
     if not floor_known:
-        floor = _visible_floor(heights, floor)
+        floor = _visible_floor(heights, floor, rim)
         container = replace(container, floor_thickness_m=floor,
                             inner_size_m=(width, length, rim - floor))
     fill = heights - floor
@@ -111,15 +112,16 @@ def _filled(heights: np.ndarray, trusted: np.ndarray) -> np.ndarray:
     return out
 
 
-def _visible_floor(heights: np.ndarray, assumed: float) -> float:
+def _visible_floor(heights: np.ndarray, assumed: float, rim: float) -> float:
     """Height of the floor where it shows, else as assumed.
 
-    It shows if the lowest cells lie level, and either fill half of the footprint (a bin that is
-    empty or nearly so) or lie where a floor is expected.
+    It shows if the lowest cells lie level, and either lie where a floor is expected or, not much
+    higher, fill half of the footprint (a bin that is empty or nearly so).
     """
     low = float(np.percentile(heights, 2))
     level = np.abs(heights - low) < _FLAT
-    if level.mean() > 0.5 or (level.mean() > 0.05 and low < assumed + _FLAT):
+    if (level.mean() > 0.05 and low < assumed + _FLAT) \
+            or (level.mean() > 0.5 and low < _HIGHEST_FLOOR * rim):
         return max(float(np.median(heights[level])), 0.0)
     return assumed
 

@@ -16,11 +16,11 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from stack_counter.bag.reader import BagReader, fit_config, open_bag
 from stack_counter_msgs.msg import ScanStatus, StackCount, StackVolume
 from stack_counter_msgs.srv import StartScan, StopScan
 
 from stack_counter.bag.processes import NodeError, NodeProcesses, private_environment
+from stack_counter.bag.reader import BagReader, fit_config, listened
 from stack_counter.bag.replay import Replayed, count_entry
 from stack_counter.config import NAMESPACE, CollectorConfig, Config
 from stack_counter.counting import flagged
@@ -43,6 +43,7 @@ class Player(Node):
         super().__init__("player", namespace=NAMESPACE, context=context)
         self._changed = threading.Condition()
         self._collector = self._reconstructor = ScanStatus()
+        self._sent = 0  # colour images played
         self.volume = StackVolume()  # the last one
         self.counts: list[StackCount] = []
         self._color = collector.color_topic + (
@@ -99,9 +100,9 @@ class Player(Node):
                 and bool(self.count_subscribers("posed_images"))
                 and self.count_subscribers("volume") >= 2)
 
-    def processed(self) -> int:
-        """Images of this scan that are done with: used, or skipped by either node."""
-        return sum(self._collector.skip_counts) + self._reconstructor.received
+    def ahead(self) -> int:
+        """Images played that no node is done with: neither used nor skipped."""
+        return self._sent - sum(self._collector.skip_counts) - self._reconstructor.received
 
     # --- the scan -----------------------------------------------------------------------------
 
@@ -123,22 +124,20 @@ class Player(Node):
     def play(self, reader: BagReader, rate: float, on_view: Callable[[], None],
              check: Callable[[], None]) -> None:
         """Publishes all records, at most a few images ahead of the nodes."""
-        sent, first_ns, begin = 0, None, time.monotonic()
+        first_ns, begin = None, time.monotonic()
         for record in reader.records(set(self._publishers_of)):
             first_ns = record.log_time_ns if first_ns is None else first_ns
-            if rate:
+            if rate:  # real time does not wait for slow nodes
                 due = begin + (record.log_time_ns - first_ns) * 1e-9 / rate
-                self.wait(lambda: time.monotonic() >= due, due - time.monotonic(), check)
+                self.wait(lambda: False, due - time.monotonic(), check)
             if record.topic == self._color:
-                # No more than a hint at a rate: real time does not wait for slow nodes.
-                if not self.wait(lambda: sent - self.processed() < _AHEAD,
-                                 0 if rate else _STALL_S, check) and not rate:
-                    raise NodeError(f"{self.processed()} of {sent} images processed and none for "
-                                    f"{_STALL_S} s; expected progress")
-                sent += 1
+                if not rate and not self.wait(lambda: self.ahead() < _AHEAD, _STALL_S, check):
+                    raise NodeError(f"{self.ahead()} images not yet processed and no progress "
+                                    f"within {_STALL_S} s; expected less than {_AHEAD}")
+                self._sent += 1
                 on_view()
             self._publishers_of[record.topic].publish(record.data)
-        self.wait(lambda: self.processed() >= sent, _SETTLE_S, check)
+        self.wait(lambda: self.ahead() <= 0, _SETTLE_S, check)
 
     def stop_scan(self, scan_id: str, check: Callable[[], None]) -> StackCount:
         """Ends the scan; returns its final count."""
@@ -179,36 +178,35 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     environment = private_environment()
     os.environ.update(environment)  # read by the DDS library when the context starts
     context = rclpy.context.Context()
-    with open_bag(path) as reader:
-        collector = fit_config(config.collector, reader.topics)
-        wanted = {name: reader.topics[name][0] for name in _topics(collector)
-                  if name in reader.topics}
-        rclpy.init(context=context, domain_id=int(environment["ROS_DOMAIN_ID"]))
-        player = Player(collector, wanted, context)
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(player)
-        spinner = threading.Thread(target=_spin, args=(executor,), daemon=True)
-        spinner.start()
-        try:
-            with NodeProcesses(replace(config, collector=collector), environment) as nodes:
-                if not player.wait(player.connected, _START_WITHIN_S, nodes.check):
-                    raise NodeError(f"nodes not connected within {_START_WITHIN_S} s; last words: "
-                                    f"{nodes.log('reconstructor')[-200:]!r}")
-                loaded = time.perf_counter()
-                scan_id = player.start_scan(part, unit_volume, nodes.check)
-                player.play(reader, rate, on_view, nodes.check)
-                played = time.perf_counter()
-                message = player.stop_scan(scan_id, nodes.check)
-                truncated = reader.truncated
-        finally:
-            executor.shutdown()
-            player.destroy_node()
-            rclpy.try_shutdown(context=context)
-            spinner.join()
+    reader = BagReader(path)
+    collector = fit_config(config.collector, reader.topics)
+    wanted = {name: reader.topics[name][0] for name in listened(collector)
+              if name in reader.topics}
+    rclpy.init(context=context, domain_id=int(environment["ROS_DOMAIN_ID"]))
+    player = Player(collector, wanted, context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(player)
+    spinner = threading.Thread(target=_spin, args=(executor,), daemon=True)
+    spinner.start()
+    try:
+        with NodeProcesses(replace(config, collector=collector), environment) as nodes:
+            if not player.wait(player.connected, _START_WITHIN_S, nodes.check):
+                raise NodeError(f"nodes not connected within {_START_WITHIN_S} s; last words: "
+                                f"{nodes.log('reconstructor')[-200:]!r}")
+            loaded = time.perf_counter()
+            scan_id = player.start_scan(part, unit_volume, nodes.check)
+            player.play(reader, rate, on_view, nodes.check)
+            played = time.perf_counter()
+            message = player.stop_scan(scan_id, nodes.check)
+    finally:
+        executor.shutdown()
+        player.destroy_node()
+        rclpy.try_shutdown(context=context)
+        spinner.join()
     if message.error:
         raise ScanError(message.error)
     count = from_stack_count(message, player.volume)
-    if truncated:
+    if reader.truncated:
         count = flagged(count, "bag_truncated")
     seconds = {"load": loaded - begin, "read": played - loaded,
                "total": time.perf_counter() - begin}
@@ -217,15 +215,6 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
                  if not m.error)}
     return Replayed(replace(count, seconds={**count.seconds, **seconds}),
                     list(by_stamp.values()) if config.reconstructor.live else [])
-
-
-def _topics(collector: CollectorConfig) -> list[str]:
-    """Topics the collector listens to."""
-    suffix = "/compressed" if collector.color_transport == "compressed" else ""
-    names = [collector.color_topic + suffix, collector.camera_info_topic, collector.depth_topic,
-             collector.labels_topic]
-    names += [collector.pose_topic] if collector.pose_source == "topic" else ["/tf", "/tf_static"]
-    return [name for name in names if name]
 
 
 def _spin(executor: SingleThreadedExecutor) -> None:

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from stack_counter.bag.reader import fit_config, open_bag, read_views
-
 from stack_counter.assembler import ViewAssembler
+from stack_counter.bag.reader import BagReader, fit_config, read_views
 from stack_counter.config import Config
 from stack_counter.counting import flagged
 from stack_counter.errors import ScanError, ViewError
@@ -53,23 +52,22 @@ def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
     stack = StackCounter(config.reconstructor)
     loaded = time.perf_counter()
     confidence, counts = config.counter.confidence, []
-    with open_bag(path) as reader:
-        collector = fit_config(config.collector, reader.topics)
-        assembler = ViewAssembler(collector)
-        first_ns: int | None = None
-        for view in read_views(reader, collector, assembler):
-            first_ns = view.stamp_ns if first_ns is None else first_ns
-            if rate:
-                due = loaded + (view.stamp_ns - first_ns) * 1e-9 / rate
-                time.sleep(max(due - time.perf_counter(), 0))
-            on_view()
-            try:
-                stack.add_view(view)
-                if config.reconstructor.live:
-                    counts.append(count_entry(stack.count(unit_volume, estimator, confidence)))
-            except (ViewError, ScanError):
-                continue  # counted in the tally, or nothing to count yet
-        truncated = reader.truncated
+    reader = BagReader(path)
+    collector = fit_config(config.collector, reader.topics)
+    assembler = ViewAssembler(collector)
+    first_ns: int | None = None
+    for view in read_views(reader, collector, assembler):
+        first_ns = view.stamp_ns if first_ns is None else first_ns
+        if rate:
+            due = loaded + (view.stamp_ns - first_ns) * 1e-9 / rate
+            time.sleep(max(due - time.perf_counter(), 0))
+        on_view()
+        try:
+            stack.add_view(view)
+            if config.reconstructor.live:
+                counts.append(count_entry(stack.count(unit_volume, estimator, confidence)))
+        except (ViewError, ScanError):
+            continue  # counted in the tally, or nothing to count yet
     tally = joined_tally(assembler.tally, stack.tally)
     try:
         volume = stack.volume()
@@ -77,7 +75,7 @@ def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
         hints = "; ".join(assembler.last_error.values())
         raise ScanError(f"{error}{' (' + hints + ')' if hints else ''}") from error
     count = count_stack(replace(volume, views=tally), unit_volume, estimator, confidence)
-    if truncated:
+    if reader.truncated:
         count = flagged(count, "bag_truncated")
     total = time.perf_counter() - begin
     spent = sum(count.seconds.values())

@@ -1,0 +1,105 @@
+"""Turns a nerfstudio folder (transforms.json, images, optional label images) into a bag."""
+
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from stack_counter.bag.writer import write_bag
+from stack_counter.errors import BagError
+from stack_counter.types import Intrinsics, View
+
+_LOG = logging.getLogger(__name__)
+_FRAME = "camera_color_optical_frame"
+_STEP_NS = 10**8  # between two pictures
+_MODELS = {"OPENCV": ("plumb_bob", ("k1", "k2", "p1", "p2", "k3")), "PINHOLE": ("", ()),
+           "SIMPLE_PINHOLE": ("", ()),
+           "OPENCV_FISHEYE": ("equidistant", ("k1", "k2", "k3", "k4"))}
+_FLIP = np.diag([1.0, -1, -1, 1])  # camera y up, z back -> optical: y down, z forward
+
+
+def import_scene(scene: Path, out: Path) -> str:
+    """Writes the bag; returns a line that says what is in it.
+
+    Args:
+        scene: folder with transforms.json; label images by the frame's `mask_path`, else in
+            `labels/` under the picture's name.
+        out: a new folder.
+
+    Raises:
+        FileNotFoundError: no such folder.
+        BagError: no or malformed transforms.json, no pictures, or `out` exists.
+    """
+    if not scene.exists():
+        raise FileNotFoundError(f"no scene {scene}; expected a folder with transforms.json")
+    try:
+        document = json.loads((scene / "transforms.json").read_text())
+        frames = sorted(document["frames"], key=lambda frame: frame["file_path"])
+    except FileNotFoundError as error:
+        raise BagError(f"no transforms.json in {scene}; expected a nerfstudio scene") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise BagError(f"{scene / 'transforms.json'} is malformed at {error}; expected "
+                       "nerfstudio's keys") from error
+    views, jpegs, missing = [], [], 0
+    for frame in frames:
+        picture = scene / frame["file_path"]
+        if not picture.is_file():
+            missing += 1
+            _LOG.warning("picture %s is missing; skipped", picture)
+            continue
+        views.append(_view(scene, document, frame, picture, (len(views) + 1) * _STEP_NS))
+        jpegs.append(_jpeg(picture))
+    if not views:
+        raise BagError(f"none of the {len(frames)} pictures of {scene} is there; expected some")
+    write_bag(out, views, jpegs=jpegs)
+    labelled = sum(view.labels is not None for view in views)
+    return (f"{out}: {len(views)} views, {labelled} with labels"
+            + (f", {missing} pictures missing" if missing else ""))
+
+
+def _view(scene: Path, document: dict[str, Any], frame: dict[str, Any], picture: Path,
+          stamp_ns: int) -> View:
+    try:
+        T = np.array(frame["transform_matrix"], float)
+        if T.shape != (4, 4):
+            raise ValueError(f"a transform_matrix of shape {T.shape}")
+        intrinsics = _intrinsics({**document, **frame})
+    except (KeyError, TypeError, ValueError) as error:
+        raise BagError(f"{frame.get('file_path')} lacks {error}; expected intrinsics and a 4 x 4 "
+                       "transform_matrix") from error
+    return View(stamp_ns, intrinsics, T @ _FLIP, camera=_FRAME,
+                labels=_labels(scene, frame, picture))
+
+
+def _intrinsics(values: dict[str, Any]) -> Intrinsics:
+    kind = values.get("camera_model", "OPENCV")
+    if kind not in _MODELS:
+        raise ValueError(f"a known camera_model ('{kind}'; one of {sorted(_MODELS)})")
+    model, names = _MODELS[kind]
+    return Intrinsics(int(values["w"]), int(values["h"]), float(values["fl_x"]),
+                      float(values["fl_y"]), float(values["cx"]), float(values["cy"]), model,
+                      tuple(float(values.get(name, 0.0)) for name in names))
+
+
+def _labels(scene: Path, frame: dict[str, Any], picture: Path) -> np.ndarray | None:
+    named = frame.get("mask_path")
+    path = scene / named if named else scene / "labels" / f"{picture.stem}.png"
+    labels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
+    if named and labels is None:
+        _LOG.warning("label image %s is missing", path)
+    return labels
+
+
+def _jpeg(picture: Path) -> bytes:
+    """The file itself where it is a JPEG, else the picture as one."""
+    if picture.suffix.lower() in (".jpg", ".jpeg"):
+        return picture.read_bytes()
+    image = cv2.imread(str(picture), cv2.IMREAD_COLOR)
+    if image is None:
+        raise BagError(f"{picture} does not decode; expected a picture")
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()

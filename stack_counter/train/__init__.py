@@ -1,0 +1,1 @@
+"""Fits what says gamma on simulated piles."""

@@ -1,0 +1,119 @@
+"""Fits the paper's baselines (section 4.3) on simulated piles, fused as at run time.
+
+    python -m stack_counter.train.baselines SCENES OUT.safetensors --workers 2
+
+Every scene is recorded with depth and pose noise and reconstructed by `StackCounter`, so that the
+line is fitted on the maps that it will read. Residuals are those of families left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from safetensors.numpy import save_file
+from tqdm import tqdm
+
+from stack_counter.config import ReconstructorConfig
+from stack_counter.errors import StackCounterError
+from stack_counter.occupancy import FORMAT, normalized_height
+from stack_counter.pipeline import StackCounter
+from stack_counter.sim.recording import record
+from stack_counter.sim.scene import load_scene
+from stack_counter.sim.truth import truth_of
+
+_QUANTILES = 101
+
+
+@dataclass(frozen=True)
+class Row:
+    """One scene, true and reconstructed; lengths in metres, volumes in m3."""
+
+    scene: str
+    family: str
+    kind: str
+    found: str
+    count: int
+    part_size: float
+    unit_volume: float
+    gamma: float
+    true_volume: float
+    volume: float
+    volume_std: float
+    coverage: float
+    height: float
+
+
+def measure(path: Path, views: int = 12) -> Row | None:
+    """Records and reconstructs one scene; None, with a line on stderr, if that fails."""
+    try:
+        scene = load_scene(path)
+        truth = truth_of(scene)
+        stack = StackCounter(ReconstructorConfig())
+        for view in record(scene, views, seed=scene.index, color=False):
+            stack.add_view(view)
+        volume = stack.volume()
+    except StackCounterError as error:
+        print(f"{path.name}: {error}", file=sys.stderr)
+        return None
+    height = normalized_height(volume)
+    if height is None:
+        return None
+    return Row(path.name, scene.shape.family, scene.container.kind, volume.container.kind,
+               truth.count, scene.shape.part_size, truth.unit_volume, truth.gamma,
+               truth.stack_volume, volume.stack_volume, volume.stack_volume_std, volume.coverage,
+               height)
+
+
+def fit(rows: list[Row]) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """The tensors of the weights file, and the errors on families left out."""
+    gamma, height = (np.array([getattr(r, n) for r in rows]) for n in ("gamma", "height"))
+    family = np.array([r.family for r in rows])
+    left_out = np.empty(len(rows))
+    means = np.empty(len(rows))
+    for name in np.unique(family):
+        out = family == name
+        left_out[out] = np.polyval(np.polyfit(height[~out], gamma[~out], 1), height[out])
+        means[out] = gamma[~out].mean()
+    left_out = np.clip(left_out, 0.02, 0.95)
+    shares = np.linspace(0, 1, _QUANTILES)
+    tensors = {"line": np.polyfit(height, gamma, 1),
+               "prior": np.array([gamma.mean(), gamma.std()]),
+               "ratios_corrected": np.quantile(gamma / left_out, shares),
+               "ratios_extrapolated": np.quantile(gamma / height, shares),
+               "ratios_prior": np.quantile(gamma / means, shares)}
+    spread = ((gamma - gamma.mean()) ** 2).sum()
+    errors = {}
+    for name, estimate in (("corrected", left_out), ("extrapolated", height), ("prior", means)):
+        errors[f"{name}_mae"] = float(np.abs(gamma - estimate).mean())
+        errors[f"{name}_r2"] = float(1 - ((gamma - estimate) ** 2).sum() / spread)
+    return {name: np.asarray(t, np.float64) for name, t in tensors.items()}, errors
+
+
+def main() -> int:
+    """Measures all scenes of a folder and writes the weights and the rows beside them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenes", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--workers", type=int, default=1)
+    options = parser.parse_args()
+    paths = sorted(options.scenes.glob("scene_*.npz"))
+    with ProcessPoolExecutor(options.workers) as pool:
+        rows = [row for row in tqdm(pool.map(measure, paths), total=len(paths)) if row]
+    options.out.with_suffix(".jsonl").write_text(
+        "".join(json.dumps(asdict(row)) + "\n" for row in rows))
+    tensors, errors = fit(rows)
+    facts = {"format": FORMAT, "scenes": str(len(rows)), **{k: f"{v:.4f}" for k, v in
+                                                            errors.items()}}
+    save_file(tensors, options.out, metadata=facts)
+    print(json.dumps(facts, indent=2))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
