@@ -106,6 +106,8 @@ class Config:
     counter: CounterConfig = CounterConfig()
 
 
+_SECTIONS: dict[str, type] = {"collector": CollectorConfig, "reconstructor": ReconstructorConfig,
+                              "counter": CounterConfig}
 Section = TypeVar("Section", CollectorConfig, ReconstructorConfig, CounterConfig)
 
 
@@ -171,16 +173,15 @@ def load(path: Path) -> Config:
         raise ConfigError(f"{path} holds {type(document).__name__}; expected node names with "
                           "ros__parameters")
     ros_own = {"autostart", "use_sim_time"}  # every node has these; the core does not read them
-    sections = {}
+    sections: dict[str, Any] = {}
     for node, body in document.items():
         name = str(node).removeprefix(NAMESPACE).strip("/")
-        section = {f.name: type(f.default) for f in dataclasses.fields(Config)}.get(name)
-        if section is None:
+        if name not in _SECTIONS:
             raise ConfigError(f"{path} names node '{node}'; expected {NAMESPACE}/collector, "
                               f"{NAMESPACE}/reconstructor or {NAMESPACE}/counter")
         if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
             raise ConfigError(f"{path}: '{node}' lacks ros__parameters")
-        sections[name] = build(section, {key: value for key, value in
+        sections[name] = build(_SECTIONS[name], {key: value for key, value in
                                          body["ros__parameters"].items() if key not in ros_own})
     return Config(**sections)
 

@@ -79,7 +79,7 @@ def find_container(view: TopView, region: Region, pitch: float, config: Reconstr
 def no_container(region: Region) -> Container:
     """A heap: the frame stands on the support plane in the middle of the region."""
     centre = (region.low + region.high) / 2
-    return Container("none", geometry.pose(np.eye(3), [centre[0], centre[1], region.plane_z]))
+    return Container("none", geometry.pose(np.eye(3), np.append(centre[:2], region.plane_z)))
 
 
 def _upright(x: float, y: float, z: float, yaw: float) -> np.ndarray:
@@ -92,7 +92,8 @@ def _configured(config: ReconstructorConfig, region: Region) -> Container:
         raise ScanError(f"container_inner_size_m is {config.container_inner_size_m}; a container "
                         "whose pose is given needs three sizes above 0")
     x, y, yaw = config.container_xyyaw
-    return Container("box", _upright(x, y, region.plane_z, yaw), config.container_inner_size_m,
+    a, b, height = config.container_inner_size_m
+    return Container("box", _upright(x, y, region.plane_z, yaw), (a, b, height),
                      config.container_wall_m, config.container_floor_m or config.container_wall_m)
 
 
@@ -109,7 +110,8 @@ def _from_rim(rim: _Rim, config: ReconstructorConfig) -> Container:
     floor = config.container_floor_m or wall
     height = rim.height - floor
     if np.any(config.container_inner_size_m):
-        sides, height = np.array(config.container_inner_size_m[:2]), config.container_inner_size_m[2]
+        sides = np.array(config.container_inner_size_m[:2])
+        height = config.container_inner_size_m[2]
         if (sides[0] > sides[1]) != (inner[0] > inner[1]):
             T = T @ _upright(0, 0, 0, np.pi / 2)
         inner = sides
@@ -120,7 +122,7 @@ def _from_rim(rim: _Rim, config: ReconstructorConfig) -> Container:
 def _find_rim(view: TopView, region: Region, pitch: float) -> _Rim | None:
     """Level ring -> its smallest rectangle -> edges refined on profiles across each side."""
     shape = np.ceil((region.high - region.low)[1::-1] / pitch).astype(int)
-    T_world_map = geometry.pose(np.eye(3), [region.low[0], region.low[1], region.plane_z])
+    T_world_map = geometry.pose(np.eye(3), np.append(region.low[:2], region.plane_z))
     top = view.heights(T_world_map, pitch, (int(shape[0]), int(shape[1])))
     ring, height = _level_ring(top, region.lowest)
     if np.count_nonzero(ring) < 20 or height < _MIN_HEIGHT:
@@ -163,11 +165,11 @@ def _refine(view: TopView, T: np.ndarray, outer: np.ndarray, height: float
     for side in range(4):
         profile = _profiles(view, T, outer, side, height)
         along, out, drop = profile
-        if np.count_nonzero(np.isfinite(out)) < 8:
-            return T, outer, None
         # A rim is straight: only profiles that agree on where it is count as seeing it.
-        edge = float(np.nanmedian(out))
+        edge = float(np.nanmedian(out)) if np.isfinite(out).any() else np.nan
         near = np.abs(out - edge) < _STRAIGHT
+        if np.count_nonzero(near) < 8:
+            return T, outer, None
         slopes.append(np.polyfit(along[near], out[near], 1)[0])
         edges.append(edge)
         wall = float(np.nanmedian(drop)) - edge if np.isfinite(drop).any() else np.nan

@@ -12,7 +12,8 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.errors import ScanError
-from stack_counter.types import BACKGROUND, UNSEEN, View
+from stack_counter.segmentation.given import label_image
+from stack_counter.types import BACKGROUND, CONTAINER, PARTS, UNSEEN, View
 
 _COARSE = 48  # voxels along the side of the first grid
 _MAX_VOXELS = 20_000_000
@@ -69,7 +70,7 @@ def _common_space(views: list[View]) -> tuple[np.ndarray, float]:
     """Centre and side, metres, of a cube around what all outlines can hold."""
     rays, spreads = [], []
     for view in views:
-        rows, cols = np.nonzero((view.labels != BACKGROUND) & (view.labels != UNSEEN))
+        rows, cols = np.nonzero(np.isin(label_image(view), (CONTAINER, PARTS)))
         if not len(rows):
             continue
         k = view.intrinsics
@@ -97,18 +98,19 @@ def _standing(voxels: np.ndarray, views: list[View], radius: float, min_share: f
     stands = np.ones(len(voxels), bool)
     seen_by = np.zeros(len(voxels), np.int32)
     for view in views:
+        labels = label_image(view)
         alive = np.nonzero(stands)[0]
         pixels, z = geometry.project(
             geometry.apply(geometry.inverse(view.T_world_camera), voxels[alive]), view.intrinsics)
         with np.errstate(invalid="ignore"):
             cells = np.where(np.abs(pixels) < 1e6, np.round(pixels), -1).astype(int)
-        inside = (z > 0) & np.all((cells >= 0) & (cells < view.labels.shape[::-1]), axis=1)
+        inside = (z > 0) & np.all((cells >= 0) & (cells < labels.shape[::-1]), axis=1)
         alive, cells, z = alive[inside], cells[inside], z[inside]
-        known = view.labels[cells[:, 1], cells[:, 0]] != UNSEEN
+        known = labels[cells[:, 1], cells[:, 0]] != UNSEEN
         alive, cells, z = alive[known], cells[known], z[known]
         seen_by[alive] += 1
         # Distance to the outline in pixels; UNSEEN counts as kept, so it carves nothing near it.
-        outside = cv2.distanceTransform((view.labels == BACKGROUND).astype(np.uint8),
+        outside = cv2.distanceTransform((labels == BACKGROUND).astype(np.uint8),
                                         cv2.DIST_L2, 5)
         reach = radius * view.intrinsics.fx / z
         stands[alive[outside[cells[:, 1], cells[:, 0]] > reach]] = False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from typing import Protocol
@@ -135,8 +136,9 @@ def make_estimator(name: str, weights: Path | None = None) -> OccupancyEstimator
         ConfigError: unknown name.
         WeightsError: its weights cannot be loaded.
     """
-    kinds = {"depth_corrected": DepthCorrected, "depth_extrapolated": DepthExtrapolated,
-             "prior": Prior}
+    kinds: dict[str, Callable[[Baselines], OccupancyEstimator]] = {
+        "depth_corrected": DepthCorrected, "depth_extrapolated": DepthExtrapolated,
+        "prior": Prior}
     if name not in kinds:
         raise ConfigError(f"unknown estimator '{name}'; expected one of {sorted(kinds)}")
     return kinds[name](Baselines(weights))

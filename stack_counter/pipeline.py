@@ -6,7 +6,7 @@ Source: paper, section 3: count = gamma * V / v.
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -23,7 +23,7 @@ from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.region import Region, crop_to_region, find_region, grow, world_points
 from stack_counter.segmentation import Segmenter
 from stack_counter.segmentation.geometric import Geometric
-from stack_counter.segmentation.given import GivenLabels
+from stack_counter.segmentation.given import GivenLabels, label_image
 from stack_counter.tsdf import TopView, Tsdf
 from stack_counter.types import (
     PARTS,
@@ -35,7 +35,7 @@ from stack_counter.types import (
     View,
     ViewTally,
 )
-from stack_counter.volume import measure
+from stack_counter.volume import Measure, measure
 
 _FIRST_VIEWS = 3  # the region of interest is found from this many
 _MIN_WEIGHT = 1.0  # views that must agree on a surface
@@ -59,7 +59,7 @@ class StackCounter:
         self._views: list[View] = []  # used so far; once the region is known, cropped to it
         self._received = 0
         self._skipped: Counter[str] = Counter()
-        self._seconds: Counter[str] = Counter()
+        self._seconds: dict[str, float] = defaultdict(float)
         self.coverage = 0.0  # of the footprint, as of the last volume
 
     @property
@@ -148,11 +148,13 @@ class StackCounter:
                 self._skipped[error.reason] += 1
 
     def _fuse(self, view: View) -> View:
-        assert self._region is not None and view.depth is not None  # for the type checker
+        assert self._region is not None  # for the type checker
         view = crop_to_region(view, self._region)
-        view = replace(view, depth=smoothed(view.depth, self._region.noise))
+        assert view.depth is not None  # for the type checker
+        depth = smoothed(view.depth, self._region.noise)
+        view = replace(view, depth=depth)
         surface = self._region.holds(world_points(view))
-        self._tsdf.integrate(view.depth, surface, view.intrinsics, view.T_world_camera)
+        self._tsdf.integrate(depth, surface, view.intrinsics, view.T_world_camera)
         return view
 
     def _from_depth(self) -> StackVolume:
@@ -174,9 +176,7 @@ class StackCounter:
             reasons.append("low_coverage")
         if container.kind == "none" and result.stack_volume == 0:
             reasons.append("nothing_found")
-        return self._volume(result.stack_volume, result.stack_volume_std, result.container,
-                            result.fill_level, result.coverage, tuple(reasons), mesh,
-                            Geometric(result.container, region), result.top, result.inner)
+        return self._volume(result, Geometric(result.container, region), mesh, *reasons)
 
     def _from_labels(self) -> StackVolume:
         c = self._config
@@ -186,17 +186,18 @@ class StackCounter:
         # An outline's error of one pixel moves the surface by about half a voxel.
         skin = np.count_nonzero(carved.surface) * carved.voxel_size**3
         mesh = Mesh(carved.centers[carved.surface].astype(np.float32), np.zeros((0, 3), np.int32))
-        return self._volume(carved.volume, skin / 2, container, (0.0, 0.0, 0.0), 1.0,
-                            ("no_depth",), mesh, GivenLabels())
+        result = Measure(carved.volume, skin / 2, None, None, 1.0, (0.0, 0.0, 0.0), container)
+        return self._volume(result, GivenLabels(), mesh, "no_depth")
 
-    def _volume(self, stack_volume, std, container, fill_level, coverage, reasons, mesh,
-                segmenter: Segmenter, top=None, inner=None) -> StackVolume:
+    def _volume(self, measure: Measure, segmenter: Segmenter, mesh: Mesh, *reasons: str
+                ) -> StackVolume:
         with self._timed("segment"):
             key_view = find_key_view(self._views, segmenter)
         return StackVolume(
-            stamp_ns=max(v.stamp_ns for v in self._views), stack_volume=stack_volume,
-            stack_volume_std=std, container=container, fill_level=fill_level, coverage=coverage,
-            top=top, inner=inner, key_view=key_view, views=self.tally, reasons=reasons, mesh=mesh)
+            stamp_ns=max(v.stamp_ns for v in self._views), stack_volume=measure.stack_volume,
+            stack_volume_std=measure.stack_volume_std, container=measure.container,
+            fill_level=measure.fill_level, coverage=measure.coverage, top=measure.top,
+            inner=measure.inner, key_view=key_view, views=self.tally, reasons=reasons, mesh=mesh)
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:
@@ -236,7 +237,7 @@ def find_key_view(views: list[View], segmenter: Segmenter) -> KeyView | None:
         return None
     cut = geometry.crop(replace(best, labels=labels), np.array([cols.min(), rows.min()]),
                         np.array([cols.max(), rows.max()]))
-    return KeyView(best.stamp_ns, cut.intrinsics, cut.T_world_camera, len(rows), cut.labels,
+    return KeyView(best.stamp_ns, cut.intrinsics, cut.T_world_camera, len(rows), label_image(cut),
                    cut.depth, cut.color)
 
 

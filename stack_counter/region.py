@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
-from stack_counter.errors import ScanError
+from stack_counter.errors import ScanError, ViewError
 from stack_counter.types import View
 
 _CELL = 0.005  # side of a cell of the map in which blobs are told apart, m
@@ -50,8 +50,14 @@ class Region:
 
 
 def world_points(view: View, stride: int = 1) -> np.ndarray:
-    """(h, w, 3) float32 world points, metres, of a depth view; NaN where depth is invalid."""
+    """(h, w, 3) float32 world points, metres, of a depth view; NaN where depth is invalid.
+
+    Raises:
+        ViewError: reason `no_depth`.
+    """
     k = view.intrinsics
+    if view.depth is None:
+        raise ViewError("no_depth", "the view has no depth image; expected one")
     depth = view.depth[::stride, ::stride]
     v, u = np.mgrid[:k.height:stride, :k.width:stride].astype(np.float32)
     z = np.where(depth > 0, depth, np.float32(np.nan))

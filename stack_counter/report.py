@@ -48,7 +48,8 @@ def as_dict(count: StackCount, counts: list[dict[str, Any]]) -> dict[str, Any]:
 def as_text(count: StackCount, true_count: int | None) -> str:
     """The lines a person reads."""
     volume, (low, high) = count.volume, count.count_interval
-    lines = [f"count      {count.count} parts, {count.confidence:.0%} sure between {low} and {high}"]
+    lines = [f"count      {count.count} parts, {count.confidence:.0%} sure between {low} and "
+             f"{high}"]
     if true_count is not None:
         error = f" (error {(count.count - true_count) / true_count:+.1%})" if true_count else ""
         lines.append(f"true count {true_count}{error}")

@@ -33,9 +33,11 @@ def from_posed_image(message: Any) -> View:
     """
     return View(
         stamp_ns=messages.stamp_ns(message.header.stamp), camera=message.header.frame_id,
-        intrinsics=messages.camera_info_to_intrinsics(message.camera_info), fixed=message.camera_fixed,
-        T_world_camera=messages.pose_to_matrix(message.pose), color=_decoded(message.color, messages.color_to_array),
-        depth=_decoded(message.depth, messages.depth_to_metres), labels=_decoded(message.labels, messages.labels_to_array))
+        intrinsics=messages.camera_info_to_intrinsics(message.camera_info),
+        T_world_camera=messages.pose_to_matrix(message.pose), fixed=message.camera_fixed,
+        color=_decoded(message.color, messages.color_to_array),
+        depth=_decoded(message.depth, messages.depth_to_metres),
+        labels=_decoded(message.labels, messages.labels_to_array))
 
 
 def from_container(message: Any) -> Container:
@@ -78,8 +80,8 @@ def from_stack_volume(message: Any) -> StackVolume:
         fill_level=(message.fill_level_min, message.fill_level_mean, message.fill_level_max),
         coverage=message.coverage, top=from_height_map(message.top),
         inner=from_height_map(message.inner),
-        key_view=from_key_view(message.key_view) if message.has_key_view else None, views=from_tally(message.views),
-        reasons=tuple(message.reasons),
+        key_view=from_key_view(message.key_view) if message.has_key_view else None,
+        views=from_tally(message.views), reasons=tuple(message.reasons),
         seconds=dict(zip(message.seconds.stages, message.seconds.seconds)))
 
 

@@ -31,7 +31,7 @@ class Tsdf:
         self._trunc_voxels = trunc_voxels
         self._depth_trunc = depth_trunc
         self._grid = o3d.t.geometry.VoxelBlockGrid(
-            ("tsdf", "weight"), (o3c.float32, o3c.float32), ((1,), (1,)),
+            ("tsdf", "weight"), (o3c.float32, o3c.float32), [o3c.SizeVector([1])] * 2,
             voxel_size, _BLOCK, _BLOCKS, _CPU)
 
     def integrate(self, depth: np.ndarray, surface: np.ndarray, intrinsics: Intrinsics,

@@ -25,12 +25,13 @@ _FILL_ERROR = 0.25  # relative standard deviation of a height that was filled in
 @dataclass(frozen=True)
 class Measure:
     """V and its standard deviation (m3), the maps it was integrated from, the share of the
-    footprint that was seen, min, mean and max fill level, and the container with its floor."""
+    footprint that was seen, min, mean and max fill level, and the container with its floor. Without depth there are no
+    maps."""
 
     stack_volume: float
     stack_volume_std: float
-    top: HeightMap
-    inner: HeightMap
+    top: HeightMap | None
+    inner: HeightMap | None
     coverage: float
     fill_level: tuple[float, float, float]
     container: Container
@@ -128,7 +129,7 @@ def _visible_floor(heights: np.ndarray, assumed: float, rim: float) -> float:
 
 def _measure_heap(view: TopView, container: Container, region: Region, pitch: float) -> Measure:
     shape = tuple(int(n) for n in np.ceil((region.high - region.low)[1::-1] / pitch))
-    T_world_map = geometry.pose(np.eye(3), [region.low[0], region.low[1], region.plane_z])
+    T_world_map = geometry.pose(np.eye(3), np.append(region.low[:2], region.plane_z))
     top = view.heights(T_world_map, pitch, (shape[0], shape[1]))
     stack = ndimage.binary_fill_holes(np.nan_to_num(top.heights, nan=0.0) > region.lowest)
     coverage = float(np.isfinite(top.heights[stack]).mean()) if stack.any() else 1.0

@@ -130,8 +130,8 @@ class Collector(ManagedNode[CollectorConfig]):
         self._status.publish(ScanStatus(
             header=to_header(self.get_clock().now().nanoseconds, self._config.world_frame),
             node="collector", scan_id=self._scan.scan_id if self._scan else "", state=state,
-            received=tally.received, processed=self._sent + len(self._outbox), skip_reasons=list(skipped),
-            skip_counts=list(skipped.values())))
+            received=tally.received, processed=self._sent + len(self._outbox),
+            skip_reasons=list(skipped), skip_counts=list(skipped.values())))
 
     # --- services -----------------------------------------------------------------------------
 

@@ -61,8 +61,9 @@ class CounterNode(ManagedNode[CounterConfig]):
         if not part and not unit_volume:
             part, unit_volume = self._config.part, self._config.unit_volume_m3
         try:
-            result = count_stack(from_stack_volume(message), resolve_unit_volume(part, unit_volume),
-                                 self._estimator, self._action.confidence)
+            unit_volume = resolve_unit_volume(part, unit_volume)
+            result = count_stack(from_stack_volume(message), unit_volume, self._estimator,
+                                 self._action.confidence)
         except PartError as error:
             return failed_count(str(error), message)
         return to_stack_count(result, message)
@@ -73,7 +74,8 @@ class CounterNode(ManagedNode[CounterConfig]):
                                   level=DiagnosticStatus.OK, message="no scan yet")
         if last is not None:
             status.level = _LEVELS[last.status]
-            status.message = last.error or f"{last.count} parts ({', '.join(last.reasons) or 'ok'})"
+            reasons = ", ".join(last.reasons) or "ok"
+            status.message = last.error or f"{last.count} parts ({reasons})"
             skipped = dict(zip(last.views.skip_reasons, last.views.skip_counts))
             status.values = [KeyValue(key=key, value=str(value)) for key, value in (
                 ("scan_id", last.scan_id), ("estimator", last.estimator),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.errors import ViewError
 from stack_counter.region import Region, world_points
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS, Container, View
 
@@ -25,8 +24,6 @@ class Geometric:
         Raises:
             ViewError: reason `no_depth`.
         """
-        if view.depth is None:
-            raise ViewError("no_depth", "the view has no depth image; expected one")
         points = world_points(view, stride)
         labels = np.full(points.shape[:2], BACKGROUND, np.uint8)
         standing = self._region.holds(points) & (points[..., 2] > self._region.plane_z + _NOISE)
@@ -38,7 +35,7 @@ class Geometric:
         beside = np.abs(local[..., :2]) - np.array(box.inner_size_m[:2], np.float32) / 2
         outwards = beside.max(axis=-1)  # distance outside the inner walls, m
         rim = box.floor_thickness_m + box.inner_size_m[2]
-        inside = (outwards < 0) | (local[..., 2] > rim + _NOISE)
+        inside = (outwards < -_NOISE) | (local[..., 2] > rim + _NOISE)
         walls = standing & (outwards < box.wall_thickness_m + 2 * _NOISE)
         labels[walls] = CONTAINER
         labels[walls & inside & (local[..., 2] > box.floor_thickness_m + _NOISE)] = PARTS

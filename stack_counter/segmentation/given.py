@@ -8,15 +8,24 @@ from stack_counter.errors import ViewError
 from stack_counter.types import View
 
 
+def label_image(view: View) -> np.ndarray:
+    """(h, w) uint8 label image of the view.
+
+    Raises:
+        ViewError: reason `no_labels`.
+    """
+    if view.labels is None:
+        raise ViewError("no_labels", "the view has no label image; expected one")
+    return view.labels
+
+
 class GivenLabels:
     """Passes a view's own label image on."""
 
     def segment(self, view: View, stride: int = 1) -> np.ndarray:
-        """(h, w) uint8 label image.
+        """(h, w) uint8 label image of every `stride`-th pixel.
 
         Raises:
             ViewError: reason `no_labels`.
         """
-        if view.labels is None:
-            raise ViewError("no_labels", "the view has no label image; expected one")
-        return view.labels[::stride, ::stride]
+        return label_image(view)[::stride, ::stride]

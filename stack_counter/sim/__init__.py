@@ -2,5 +2,5 @@
 
     scene = piles.make_scene(seed=1, index=0)       # physics; needs sapien
     truth = truth_of(scene)                          # count, V, gamma
-    views = record(scene, views=12, seed=0)          # stack_counter.types.View, noisy depth and poses
+    views = record(scene, views=12, seed=0)          # views with noisy depth and poses
 """

@@ -81,8 +81,8 @@ def _ring(r: np.random.Generator) -> Manifold:
 
 
 def _nut(r: np.random.Generator) -> Manifold:
-    radius = 0.5
-    return _cylinder(r.uniform(0.35, 0.8), radius, 6) - _cylinder(2, radius * r.uniform(0.45, 0.68))
+    height = r.uniform(0.35, 0.8)
+    return _cylinder(height, 0.5, 6) - _cylinder(2, 0.5 * r.uniform(0.45, 0.68))
 
 
 def _pin(r: np.random.Generator) -> Manifold:

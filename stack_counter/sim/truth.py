@@ -44,4 +44,5 @@ def truth_of(scene: Scene) -> Truth:
     top = TopView(mesh).heights(T, pitch, (int(cells[1]), int(cells[0])))
     heights = np.maximum(np.nan_to_num(top.heights, nan=0.0) - box.floor_thickness_m, 0)
     area = float(np.prod(high - low))
-    return Truth(len(scene.poses), scene.shape.unit_volume, float(heights.mean(dtype=float)) * area)
+    mean = float(heights.mean(dtype=float))
+    return Truth(len(scene.poses), scene.shape.unit_volume, mean * area)
