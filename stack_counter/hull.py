@@ -22,21 +22,27 @@ _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1
 
 @dataclass(frozen=True)
 class Hull:
-    """Voxels that no view proves empty: centres (n, 3) float64, metres, world; their side in
-    metres; surface (n,) bool, those with a neighbour that was carved."""
+    """Space that no view proves empty: its volume in m3, its middle (3,), and the voxels of its
+    surface: centres (n, 3) float64, metres, world, and their side in metres."""
 
-    centers: np.ndarray
-    voxel_size: float
+    volume: float
+    middle: np.ndarray
     surface: np.ndarray
+    voxel_size: float
 
-    @property
-    def volume(self) -> float:
-        """m3."""
-        return len(self.centers) * self.voxel_size**3
+
+@dataclass(frozen=True)
+class _Outline:
+    """One view: distance of every pixel to the outline in pixels, above 0 outside of it
+    ((h, w) float16), and which pixels are known ((h, w) bool)."""
+
+    view: View
+    distance: np.ndarray
+    known: np.ndarray
 
 
 def carve(views: list[View], voxel_size: float, min_share: float) -> Hull:
-    """Carves from coarse to fine.
+    """Carves from coarse to fine; only voxels that the outline cuts are divided.
 
     Args:
         views: pinhole views with labels; anything but background is kept.
@@ -47,23 +53,38 @@ def carve(views: list[View], voxel_size: float, min_share: float) -> Hull:
         ScanError: the views share no space, or nothing is left after carving.
     """
     center, size = _common_space(views)
+    outlines = [_outline(view) for view in views]
     side = size / _COARSE
     axis = (np.arange(_COARSE) - (_COARSE - 1) / 2) * side
     voxels = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3) + center
-    # While voxels are coarse, one is carved only if all of it lies outside the outline.
-    voxels = voxels[_standing(voxels, views, side * np.sqrt(3) / 2, min_share)]
-    while side > voxel_size and len(voxels):
-        if 8 * len(voxels) > _MAX_VOXELS:
-            raise ScanError(f"{8 * len(voxels)} voxels of {side / 2:.4f} m after carving; "
-                            f"expected at most {_MAX_VOXELS}: choose a larger voxel_size")
-        voxels = (voxels[:, None] + _CORNERS * side).reshape(-1, 3)  # (n, 8, 3)
+    volume, moment = 0.0, np.zeros(3)
+    while True:
+        last = side <= voxel_size
+        stands, full = _standing(voxels, outlines, side * np.sqrt(3) / 2, min_share, last)
+        counted = stands if last else full
+        volume += np.count_nonzero(counted) * side**3
+        moment += voxels[counted].sum(axis=0) * side**3
+        cut = voxels[stands & ~full]
+        if last or not len(cut):
+            break
+        if 8 * len(cut) > _MAX_VOXELS:
+            raise ScanError(f"{8 * len(cut)} voxels of {side / 2:.4f} m on the surface; expected "
+                            f"at most {_MAX_VOXELS}: choose a larger voxel_size")
+        voxels = (cut[:, None] + _CORNERS * side).reshape(-1, 3)  # (n, 8, 3)
         side /= 2
-        radius = side * np.sqrt(3) / 2 if side > voxel_size else 0.0
-        voxels = voxels[_standing(voxels, views, radius, min_share)]
-    if not len(voxels):
+    if volume == 0:
         raise ScanError(f"0 voxels left after carving with {len(views)} label images; expected "
                         "some: poses and labels disagree, or all labels are background")
-    return Hull(voxels, side, _on_surface(voxels, side))
+    return Hull(volume, moment / volume, cut, side)
+
+
+def _outline(view: View) -> _Outline:
+    labels = label_image(view)
+    # What is not known counts as kept, so that it carves nothing next to it.
+    empty = (labels == BACKGROUND).astype(np.uint8)
+    distance = cv2.distanceTransform(empty, cv2.DIST_L2, 5) \
+        - cv2.distanceTransform(1 - empty, cv2.DIST_L2, 5)
+    return _Outline(view, distance.astype(np.float16), labels != UNSEEN)
 
 
 def _common_space(views: list[View]) -> tuple[np.ndarray, float]:
@@ -92,38 +113,31 @@ def _common_space(views: list[View]) -> tuple[np.ndarray, float]:
     return center, 1.5 * float(np.max(sizes))
 
 
-def _standing(voxels: np.ndarray, views: list[View], radius: float, min_share: float
-              ) -> np.ndarray:
-    """(n,) bool: seen by enough views and by none as background farther than `radius` metres."""
+def _standing(voxels: np.ndarray, outlines: list[_Outline], radius: float, min_share: float,
+              last: bool) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) bool each: not carved, and wholly inside all outlines.
+
+    A voxel is carved by a view that sees all of it (in the last round: its centre) outside the
+    outline, or if too few views see it. `radius` is that of the ball around it, metres.
+    """
     stands = np.ones(len(voxels), bool)
+    full = np.ones(len(voxels), bool)
     seen_by = np.zeros(len(voxels), np.int32)
-    for view in views:
-        labels = label_image(view)
+    for outline in outlines:
+        k = outline.view.intrinsics
         alive = np.nonzero(stands)[0]
-        pixels, z = geometry.project(
-            geometry.apply(geometry.inverse(view.T_world_camera), voxels[alive]), view.intrinsics)
+        pixels, z = geometry.project(geometry.apply(
+            geometry.inverse(outline.view.T_world_camera), voxels[alive]), k)
         with np.errstate(invalid="ignore"):
-            cells = np.where(np.abs(pixels) < 1e6, np.round(pixels), -1).astype(int)
-        inside = (z > 0) & np.all((cells >= 0) & (cells < labels.shape[::-1]), axis=1)
-        alive, cells, z = alive[inside], cells[inside], z[inside]
-        known = labels[cells[:, 1], cells[:, 0]] != UNSEEN
-        alive, cells, z = alive[known], cells[known], z[known]
+            cells = np.where(np.abs(pixels) < 1e6, np.round(pixels), -1).astype(np.int32)
+        x, y = cells[:, 0], cells[:, 1]
+        seen = (z > 0) & (x >= 0) & (y >= 0) & (x < k.width) & (y < k.height)
+        seen[seen] = outline.known[y[seen], x[seen]]
+        alive, x, y = alive[seen], x[seen], y[seen]
         seen_by[alive] += 1
-        # Distance to the outline in pixels; UNSEEN counts as kept, so it carves nothing near it.
-        outside = cv2.distanceTransform((labels == BACKGROUND).astype(np.uint8),
-                                        cv2.DIST_L2, 5)
-        reach = radius * view.intrinsics.fx / z
-        stands[alive[outside[cells[:, 1], cells[:, 0]] > reach]] = False
-    return stands & (seen_by >= min_share * len(views))
-
-
-def _on_surface(voxels: np.ndarray, side: float) -> np.ndarray:
-    """(n,) bool: voxels with at least one of six neighbours missing."""
-    cells = np.round((voxels - voxels.min(axis=0)) / side).astype(int) + 1
-    grid = np.zeros(cells.max(axis=0) + 2, bool)
-    grid[tuple(cells.T)] = True
-    buried = np.ones(len(voxels), bool)
-    for axis in range(3):
-        for step in (-1, 1):
-            buried &= np.roll(grid, step, axis)[tuple(cells.T)]
-    return ~buried
+        distance = outline.distance[y, x].astype(np.float32)
+        reach = (radius * k.fx / z[seen]).astype(np.float32)
+        stands[alive[distance > (0 if last else reach)]] = False
+        full[alive[distance > -reach]] = False
+    stands &= seen_by >= min_share * len(outlines)
+    return stands, stands & full

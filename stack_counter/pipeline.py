@@ -181,11 +181,10 @@ class StackCounter:
     def _from_labels(self) -> StackVolume:
         c = self._config
         carved = hull.carve(self._views, c.voxel_size, c.hull_min_share)
-        middle = carved.centers.mean(axis=0)
-        container = Container("hull", geometry.pose(np.eye(3), middle))
+        container = Container("hull", geometry.pose(np.eye(3), carved.middle))
         # An outline's error of one pixel moves the surface by about half a voxel.
-        skin = np.count_nonzero(carved.surface) * carved.voxel_size**3
-        mesh = Mesh(carved.centers[carved.surface].astype(np.float32), np.zeros((0, 3), np.int32))
+        skin = len(carved.surface) * carved.voxel_size**3
+        mesh = Mesh(carved.surface.astype(np.float32), np.zeros((0, 3), np.int32))
         result = Measure(carved.volume, skin / 2, None, None, 1.0, (0.0, 0.0, 0.0), container)
         return self._volume(result, GivenLabels(), mesh, "no_depth")
 

@@ -24,9 +24,9 @@ _FILL_ERROR = 0.25  # relative standard deviation of a height that was filled in
 
 @dataclass(frozen=True)
 class Measure:
-    """V and its standard deviation (m3), the maps it was integrated from, the share of the
-    footprint that was seen, min, mean and max fill level, and the container with its floor. Without depth there are no
-    maps."""
+    """V and its standard deviation (m3), the maps it was integrated from (None without depth),
+    the share of the footprint that was seen, min, mean and max fill level, and the container
+    with its floor."""
 
     stack_volume: float
     stack_volume_std: float
