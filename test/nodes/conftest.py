@@ -1,0 +1,12 @@
+import pytest
+
+pytest.importorskip("rclpy")
+
+
+@pytest.fixture
+def ros(tmp_path):
+    from harness import Harness
+
+    harness = Harness(tmp_path)
+    yield harness
+    harness.close()

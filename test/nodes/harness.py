@@ -1,0 +1,95 @@
+"""Real DDS on a domain of its own: a test node that spins in the background, and node processes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from stack_counter.bag.processes import private_environment
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PATIENCE_S = 60.0
+
+
+class Harness:
+    """A node named `test`, its context, and the processes started for it."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.environment = private_environment()
+        os.environ.update(self.environment)
+        self.context = rclpy.context.Context()
+        rclpy.init(context=self.context, domain_id=int(self.environment["ROS_DOMAIN_ID"]))
+        self.node = rclpy.create_node("test", context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self._spinner = threading.Thread(target=self._spin, daemon=True)
+        self._spinner.start()
+        self.processes = []
+
+    def _spin(self):
+        try:
+            self._executor.spin()
+        except ExternalShutdownException:
+            pass
+
+    def start(self, name, **parameters):
+        """Starts one node as a process with these parameters."""
+        arguments = [x for key, value in parameters.items() for x in ("-p", f"{key}:={value}")]
+        log = open(self.folder / f"{name}.log", "wb")
+        process = subprocess.Popen(
+            [sys.executable, "-m", f"stack_counter.nodes.{name}", "--ros-args", *arguments],
+            env={**os.environ, **self.environment}, stdout=log, stderr=subprocess.STDOUT)
+        log.close()
+        self.processes.append(process)
+        return process
+
+    def log(self, name):
+        """What a node has printed."""
+        return (self.folder / f"{name}.log").read_text()
+
+    def listen(self, kind, topic, qos=QoSProfile(depth=300)):
+        """A list that grows by the messages of a topic."""
+        messages = []
+        self.node.create_subscription(kind, topic, messages.append, qos)
+        return messages
+
+    def call(self, kind, name, request):
+        """A service's answer."""
+        client = self.node.create_client(kind, name)
+        assert client.wait_for_service(PATIENCE_S), f"no service {name}"
+        future = client.call_async(request)
+        self.wait(future.done, f"an answer of {name}")
+        return future.result()
+
+    def wait(self, condition, what, seconds=PATIENCE_S):
+        """Waits until the condition holds; fails the test otherwise."""
+        deadline = time.monotonic() + seconds
+        tick = threading.Event()
+        while not condition():
+            assert time.monotonic() < deadline, f"waited {seconds} s for {what}"
+            for process in self.processes:
+                assert process.poll() is None, f"a node ended while waiting for {what}"
+            tick.wait(0.01)
+
+    def matched(self, *publishers):
+        """Waits until every publisher has a subscriber."""
+        self.wait(lambda: all(p.get_subscription_count() for p in publishers), "subscribers")
+
+    def close(self):
+        """Stops everything."""
+        for process in self.processes:
+            process.terminate()
+        for process in self.processes:
+            process.wait(10)
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+        self._spinner.join()

@@ -1,0 +1,84 @@
+"""The collector over real DDS: what comes in, what goes on, and that nothing is lost."""
+
+import numpy as np
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import CameraInfo, Image
+from stack_counter_msgs.msg import PosedImage, ScanStatus
+from stack_counter_msgs.srv import StartScan, StopScan
+from tf2_msgs.msg import TFMessage
+
+from geometry_msgs.msg import TransformStamped
+
+from stack_counter.nodes.conversions import to_camera_info, to_header, to_image
+from stack_counter.types import Intrinsics
+
+FRAME = "camera_color_optical_frame"
+SPACE = "/stack_counter"
+
+
+def camera(ros, k):
+    """Publishers of one camera; returns a function that publishes view number i."""
+    node, qos = ros.node, QoSProfile(depth=30)
+    color = node.create_publisher(Image, "/camera/color/image_raw", qos)
+    info = node.create_publisher(CameraInfo, "/camera/color/camera_info", qos)
+    tf = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=1000))
+    picture = np.random.default_rng(0).integers(0, 255, (k.height, k.width, 3), np.uint8)
+
+    def publish(i, with_tf=True):
+        stamp = (i + 1) * 10**9
+        header = to_header(stamp, FRAME)
+        for beside in (-20_000_000, 20_000_000) if with_tf else ():
+            t = TransformStamped(header=to_header(stamp + beside, "base_link"),
+                                 child_frame_id=FRAME)
+            t.transform.translation.x = 0.01 * i + beside * 1e-10
+            tf.publish(TFMessage(transforms=[t]))
+        info.publish(to_camera_info(k, header))
+        color.publish(to_image(picture, "rgb8", header))
+
+    ros.matched(color, info, tf)
+    return publish
+
+
+def test_poses_are_interpolated_and_skips_are_counted(ros):
+    ros.start("collector", depth_topic="''", tf_timeout_s=0.5)
+    images = ros.listen(PosedImage, f"{SPACE}/posed_images")
+    states = ros.listen(ScanStatus, f"{SPACE}/scan_status")
+    publish = camera(ros, Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5))
+    answer = ros.call(StartScan, f"{SPACE}/start_scan",
+                      StartScan.Request(scan_id="a", part="nut", unit_volume=2e-6))
+    assert answer.accepted and answer.scan_id == "a"
+    assert not ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request()).accepted
+    publish(0)
+    publish(1, with_tf=False)
+    publish(2)
+    ros.wait(lambda: len(images) == 2, "two posed images")
+    ros.wait(lambda: states[-1].received == 3 and sum(states[-1].skip_counts) == 1, "one skip")
+    assert list(states[-1].skip_reasons) == ["no_tf"]
+    assert (images[0].scan_id, images[0].part, images[0].unit_volume) == ("a", "nut", 2e-6)
+    assert abs(images[1].pose.position.x - 0.02) < 1e-9  # halfway between its two samples
+    stopped = ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request())
+    assert (stopped.accepted, stopped.published) == (True, 2)
+    assert not ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request()).accepted
+
+
+def test_no_image_is_lost_at_1280x720(ros):
+    ros.start("collector", depth_topic="''")
+    images = []
+    status = ros.node.create_publisher(ScanStatus, f"{SPACE}/scan_status", QoSProfile(depth=100))
+
+    def on_image(message):  # plays the reconstructor, which reports what it has taken
+        images.append(message.header.stamp.sec)
+        status.publish(ScanStatus(node="reconstructor", scan_id=message.scan_id,
+                                  received=len(images)))
+
+    ros.node.create_subscription(PosedImage, f"{SPACE}/posed_images", on_image,
+                                 QoSProfile(depth=100))
+    publish = camera(ros, Intrinsics(1280, 720, 900.0, 900.0, 639.5, 359.5))
+    ros.matched(status)
+    ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(scan_id="b"))
+    for i in range(200):
+        ros.wait(lambda: i - len(images) < 8, f"image {i - 8} of 200")
+        publish(i)
+    ros.wait(lambda: len(images) == 200, "200 posed images")
+    assert images == list(range(1, 201))
+    assert ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request()).published == 200

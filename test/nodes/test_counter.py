@@ -1,0 +1,59 @@
+"""The counter over real DDS."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from stack_counter_msgs.msg import StackCount, StackVolume
+
+from harness import LATCHED
+
+SPACE = "/stack_counter"
+LATE = """
+import rclpy
+from rclpy.qos import QoSProfile, DurabilityPolicy
+from stack_counter_msgs.msg import StackCount
+rclpy.init()
+node = rclpy.create_node("late")
+got = []
+node.create_subscription(StackCount, "/stack_counter/count", got.append,
+                         QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+while not got:
+    rclpy.spin_once(node, timeout_sec=1.0)
+print(got[0].scan_id, got[0].count)
+"""
+
+
+@pytest.fixture
+def counter(ros):
+    ros.start("counter", estimator="prior")
+    volumes = ros.node.create_publisher(StackVolume, f"{SPACE}/volume", LATCHED)
+    counts = ros.listen(StackCount, f"{SPACE}/count", LATCHED)
+    ros.matched(volumes)
+
+    def count(**fields):
+        volumes.publish(StackVolume(final=True, **fields))
+        ros.wait(lambda: counts and counts[-1].scan_id == fields["scan_id"], "a count")
+        return counts[-1]
+
+    return count
+
+
+def test_count_is_gamma_v_over_v_and_reaches_who_comes_late(ros, counter):
+    got = counter(scan_id="a", unit_volume=1e-6, stack_volume=1e-3, stack_volume_std=1e-5)
+    assert got.count == round(got.gamma * 1000) > 0
+    assert got.count_low <= got.count <= got.count_high
+    assert got.estimator == "prior (baseline)" and got.confidence == 0.9
+    late = subprocess.run([sys.executable, "-c", LATE], capture_output=True, text=True,
+                          timeout=60, env={**os.environ, **ros.environment}, check=True)
+    assert late.stdout.split() == ["a", str(got.count)]
+
+
+def test_refusals_are_said_and_the_next_scan_counts(counter):
+    unknown = counter(scan_id="b", part="no_such_part", stack_volume=1e-3)
+    assert unknown.status == StackCount.STATUS_ERROR
+    assert "no_such_part" in unknown.error and "expected one of" in unknown.error
+    assert "unit volume" in counter(scan_id="c", stack_volume=1e-3).error
+    assert counter(scan_id="d", error="2 views used").error == "2 views used"
+    assert counter(scan_id="e", unit_volume=1e-6, stack_volume=0.0).count == 0
