@@ -85,8 +85,8 @@ class ViewAssembler:
         if stamp == self._newest:
             raise ViewError("duplicate", f"a second image with stamp {stamp} ns")
         if stamp < self._newest:
-            raise ViewError("time_backwards", f"stamp {stamp} ns after {self._newest} ns; expected "
-                                              "stamps that grow")
+            raise ViewError("time_backwards", f"stamp {stamp} ns after {self._newest} ns; "
+                                              "expected stamps that grow")
         self._newest = stamp
 
     def add_depth(self, message: Any) -> None:

@@ -26,6 +26,7 @@ from stack_counter.errors import (
     StackCounterError,
     WeightsError,
 )
+from stack_counter.occupancy import make_estimator
 from stack_counter.parts import resolve_unit_volume
 from stack_counter.resources import config_path
 
@@ -129,6 +130,8 @@ def _replay(options: argparse.Namespace) -> int:
     unit_volume = resolve_unit_volume(part, given)
     if not options.bag.exists():
         raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
+    weights = config.counter.weights
+    make_estimator(config.counter.estimator, Path(weights) if weights else None)  # or say why not
     from stack_counter.report import as_dict, as_text, write_report  # after the cheap checks
 
     with tqdm(unit=" views", desc="replay", disable=not sys.stderr.isatty()) as bar:

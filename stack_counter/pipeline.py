@@ -38,7 +38,7 @@ from stack_counter.types import (
 from stack_counter.volume import Measure, measure
 
 _FIRST_VIEWS = 3  # the region of interest is found from this many
-_MIN_WEIGHT = 1.0  # views that must agree on a surface
+_MIN_SEEN = 1  # views that must have seen a surface
 _LOW_COVERAGE = 0.7
 _KEY_STRIDE = 4  # pixels between those counted to choose the key view
 
@@ -73,13 +73,18 @@ class StackCounter:
         Raises:
             ViewError: the view is refused (and counted under its reason); the scan goes on.
         """
-        self._received += 1
-        with self._timed("integrate"):
-            try:
+        try:
+            with self._timed("integrate"):
                 self._add(self._checked(view))
-            except ViewError as error:
-                self._skipped[error.reason] += 1
-                raise
+        except ViewError as error:
+            self.skip(error)
+            raise
+        self._received += 1
+
+    def skip(self, error: ViewError) -> None:
+        """Counts a view that was refused."""
+        self._received += 1
+        self._skipped[error.reason] += 1
 
     def volume(self) -> StackVolume:
         """V of what the views so far have shown.
@@ -163,7 +168,7 @@ class StackCounter:
             self._find_region()
         assert self._region is not None  # for the type checker
         region, pitch = self._region, self._config.voxel_size
-        mesh = self._tsdf.extract_triangle_mesh(_MIN_WEIGHT)
+        mesh = self._tsdf.extract_triangle_mesh(_MIN_SEEN)
         if not len(mesh.triangles):
             raise ScanError(f"no surface left after carving {len(self._views)} views; expected "
                             "some: depth and poses disagree")

@@ -60,13 +60,17 @@ class Tsdf:
         hashmap = self._grid.hashmap()
         return hashmap.key_tensor()[hashmap.active_buf_indices().to(o3c.int64)].numpy()
 
-    def extract_triangle_mesh(self, min_weight: float) -> Mesh:
-        """The zero level as triangles, where at least `min_weight` views agree."""
+    def extract_triangle_mesh(self, min_views: int) -> Mesh:
+        """The zero level as triangles, where at least `min_views` have seen it."""
+        empty = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
         if not len(self._blocks()):
-            return Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
-        mesh = self._grid.extract_triangle_mesh(weight_threshold=min_weight)
-        if not len(mesh.vertex) or not len(mesh.triangle):
-            return Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
+            return empty
+        try:  # Open3D wants a weight above the threshold, and fails where no vertex has one
+            mesh = self._grid.extract_triangle_mesh(weight_threshold=min_views - 0.5)
+        except RuntimeError:
+            return empty
+        if "indices" not in mesh.triangle:
+            return empty
         return Mesh(mesh.vertex.positions.numpy().astype(np.float32),
                     mesh.triangle.indices.numpy().astype(np.int32))
 

@@ -1,4 +1,4 @@
-"""Messages of one .mcap file in log-time order; of a file cut short, all whole ones in its order."""
+"""Messages of one .mcap file in log-time order; of one cut short, all that are whole."""
 
 from __future__ import annotations
 

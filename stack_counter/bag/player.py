@@ -50,7 +50,7 @@ class Player(Node):
             "/compressed" if collector.color_transport == "compressed" else "")
         self._publishers_of: dict[str, Publisher] = {
             topic: self.create_publisher(
-                _message_type(kind), topic,
+                message_type(kind), topic,
                 _TRANSIENT if topic == "/tf_static" else QoSProfile(depth=1000 if topic == "/tf"
                                                                     else 50))
             for topic, kind in topics.items()}
@@ -152,7 +152,7 @@ class Player(Node):
         return self.counts[-1]
 
 
-def _message_type(name: str) -> type:
+def message_type(name: str) -> type:
     """The class of a type named as in a bag, e.g. `sensor_msgs/msg/Image`."""
     package, _, kind = name.split("/")
     return getattr(importlib.import_module(f"{package}.msg"), kind)
@@ -191,8 +191,8 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     try:
         with NodeProcesses(replace(config, collector=collector), environment) as nodes:
             if not player.wait(player.connected, _START_WITHIN_S, nodes.check):
-                raise NodeError(f"nodes not connected within {_START_WITHIN_S} s; last words: "
-                                f"{nodes.log('reconstructor')[-200:]!r}")
+                raise NodeError(f"nodes not connected within {_START_WITHIN_S} s; they said: "
+                                f"{nodes.last_words()}")
             loaded = time.perf_counter()
             scan_id = player.start_scan(part, unit_volume, nodes.check)
             player.play(reader, rate, on_view, nodes.check)

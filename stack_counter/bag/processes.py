@@ -74,14 +74,13 @@ class NodeProcesses:
         """Raises NodeError with its last words if a node has ended."""
         for name, process in self._processes.items():
             if process.poll() is not None:
-                words = self.log(name).strip().splitlines() or ["no output"]
-                raise NodeError(f"node {name} ended with {process.returncode}: {words[-1]}")
+                raise NodeError(f"node {name} ended with {process.returncode}; the nodes said: "
+                                f"{self.last_words()}")
 
-    def log(self, name: str) -> str:
-        """What a node has printed so far."""
-        return (Path(self._folder.name) / f"{name}.log").read_text(errors="replace")
-
-    @property
-    def pids(self) -> dict[str, int]:
-        """Process ids by node."""
-        return {name: process.pid for name, process in self._processes.items()}
+    def last_words(self) -> str:
+        """The last line that each node has printed."""
+        words = []
+        for name in self._processes:
+            log = (Path(self._folder.name) / f"{name}.log").read_text(errors="replace")
+            words += [f"{name}: {line}" for line in log.strip().splitlines()[-1:]]
+        return "; ".join(words) or "nothing"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import traceback
 from collections.abc import Callable
 from typing import Any, Generic
 
@@ -88,8 +89,12 @@ class ManagedNode(LifecycleNode, Generic[Section]):
                   qos: QoSProfile) -> None:
         """A subscription whose messages count only while the node is active."""
         def guarded(message: Any) -> None:
-            if self.active:
+            if not self.active:
+                return
+            try:
                 callback(message)
+            except Exception:  # one bad message must not take the node down
+                self.get_logger().error(f"message on {topic} dropped:\n{traceback.format_exc()}")
 
         made = self.create_subscription(kind, topic, guarded, qos)
         self._undo.append(lambda: self.destroy_subscription(made))

@@ -50,13 +50,22 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
             self._start(message)
         self._received += 1
         try:
-            self._stack.add_view(from_posed_image(message))
+            view = from_posed_image(message)
         except ViewError as error:
-            self.get_logger().warning(f"view skipped: {error}", throttle_duration_sec=5.0)
+            self._stack.skip(error)
+            self._warn(error)
+        else:
+            try:
+                self._stack.add_view(view)
+            except ViewError as error:
+                self._warn(error)
         self._report()
         if self._config.live:
             self._publish_volume(final=False)
         self._finish_if_whole()
+
+    def _warn(self, error: ViewError) -> None:
+        self.get_logger().warning(f"view skipped: {error}", throttle_duration_sec=5.0)
 
     def _start(self, message: PosedImage) -> None:
         self._scan, self._received = message, 0

@@ -1,4 +1,4 @@
-"""Real DDS on a domain of its own: a test node that spins in the background, and node processes."""
+"""Real DDS on a domain of its own: a test node that spins in the background, and processes."""
 
 from __future__ import annotations
 

@@ -1,13 +1,12 @@
 """The collector over real DDS: what comes in, what goes on, and that nothing is lost."""
 
 import numpy as np
+from geometry_msgs.msg import TransformStamped
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from stack_counter_msgs.msg import PosedImage, ScanStatus
 from stack_counter_msgs.srv import StartScan, StopScan
 from tf2_msgs.msg import TFMessage
-
-from geometry_msgs.msg import TransformStamped
 
 from stack_counter.nodes.conversions import to_camera_info, to_header, to_image
 from stack_counter.types import Intrinsics
@@ -77,7 +76,7 @@ def test_no_image_is_lost_at_1280x720(ros):
     ros.matched(status)
     ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(scan_id="b"))
     for i in range(200):
-        ros.wait(lambda: i - len(images) < 8, f"image {i - 8} of 200")
+        ros.wait(lambda i=i: i - len(images) < 8, f"image {i - 8} of 200")
         publish(i)
     ros.wait(lambda: len(images) == 200, "200 posed images")
     assert images == list(range(1, 201))

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
-from stack_counter_msgs.msg import PosedImage, StackCount as StackCountMsg, StackVolume as VolumeMsg
+from stack_counter_msgs.msg import PosedImage
+from stack_counter_msgs.msg import StackCount as StackCountMsg
+from stack_counter_msgs.msg import StackVolume as VolumeMsg
 
 from stack_counter import geometry
 from stack_counter.nodes import conversions

@@ -5,9 +5,8 @@ import subprocess
 import sys
 
 import pytest
-from stack_counter_msgs.msg import StackCount, StackVolume
-
 from harness import LATCHED
+from stack_counter_msgs.msg import StackCount, StackVolume
 
 SPACE = "/stack_counter"
 LATE = """

@@ -2,10 +2,10 @@
 
 import pytest
 from analytic import Scene
+from harness import LATCHED
 from rclpy.qos import QoSProfile
 from stack_counter_msgs.msg import PosedImage, ScanStatus, StackVolume
 
-from harness import LATCHED
 from stack_counter.nodes.conversions import to_posed_image
 
 SPACE = "/stack_counter"

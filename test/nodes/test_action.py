@@ -1,0 +1,83 @@
+"""The action `count_stack` on three real nodes: feedback, verdict, cancel, rejection."""
+
+import threading
+from pathlib import Path
+
+import pytest
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.qos import QoSProfile
+from stack_counter_msgs.action import CountStack
+from stack_counter_msgs.msg import StackCount
+
+from stack_counter.bag.player import message_type
+from stack_counter.bag.reader import BagReader, fit_config, listened
+from stack_counter.config import CollectorConfig
+
+BAG = Path(__file__).parents[2] / "bags" / "demo"
+
+
+@pytest.fixture
+def cell(ros):
+    """Three nodes, the demo bag ready to be played, and an action client."""
+    reader = BagReader(BAG)
+    config = fit_config(CollectorConfig(), reader.topics)
+    ros.start("collector", color_transport="compressed")
+    ros.start("reconstructor")
+    ros.start("counter", estimator="depth_corrected")
+    qos = QoSProfile(depth=1000)
+    publishers = {t: ros.node.create_publisher(message_type(reader.topics[t][0]), t, qos)
+                  for t in listened(config) if t in reader.topics}
+    client = ActionClient(ros.node, CountStack, "/stack_counter/count_stack")
+    assert client.wait_for_server(60)
+    ros.matched(*publishers.values())
+    ros.wait(lambda: ros.node.count_subscribers("/stack_counter/posed_images"), "reconstructor")
+
+    def play(pause_s=0.1):
+        for record in reader.records(set(publishers)):
+            if record.topic.endswith("compressed"):
+                threading.Event().wait(pause_s)
+            publishers[record.topic].publish(record.data)
+
+    return client, play
+
+
+def goal(**fields):
+    return CountStack.Goal(**{"part": "demo_nut", "timeout": 40.0, **fields})
+
+
+def test_scan_with_verdict_then_rejection_and_cancel(ros, cell):
+    client, play = cell
+    feedback = []
+    sent = client.send_goal_async(goal(max_views=12, expected_count=5000, tolerance=10),
+                                  feedback_callback=lambda m: feedback.append(m.feedback))
+    ros.wait(sent.done, "the goal's acceptance")
+    assert sent.result().accepted
+    second = client.send_goal_async(goal())
+    ros.wait(second.done, "an answer")
+    assert not second.result().accepted, "one goal at a time"
+    result = sent.result().get_result_async()
+    ros.wait(lambda: ros.node.count_publishers("/stack_counter/count"), "the counter")
+    play()
+    ros.wait(result.done, "the result")
+    answer = result.result().result
+    assert answer.success, answer.message
+    assert answer.count.verdict == StackCount.VERDICT_FAIL  # 5000 is not in the bin
+    assert answer.count.views.used == 12
+    assert feedback and feedback[-1].views.used >= 11
+
+    cancelled = client.send_goal_async(goal())
+    ros.wait(cancelled.done, "the goal's acceptance")
+    stop = cancelled.result().cancel_goal_async()
+    ros.wait(stop.done, "the cancellation")
+    end = cancelled.result().get_result_async()
+    ros.wait(end.done, "the cancelled goal's end")
+    assert end.result().status == GoalStatus.STATUS_CANCELED
+
+    short = client.send_goal_async(goal(timeout=1.0, min_views=3))
+    ros.wait(short.done, "the goal's acceptance")
+    assert short.result().accepted, "ready again after a cancel"
+    end = short.result().get_result_async()
+    ros.wait(end.done, "the timeout")
+    assert not end.result().result.success and "0 views" in end.result().result.message
+    assert end.result().status == GoalStatus.STATUS_ABORTED

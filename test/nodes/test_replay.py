@@ -1,0 +1,46 @@
+"""The demo recording through the three real nodes: the same count as without ROS, live or not."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from stack_counter.cli import main
+
+DEMO = Path(__file__).parents[2] / "bags" / "demo"
+
+
+def replay(tmp_path, capsys, *options):
+    out = tmp_path / f"result{len(list(tmp_path.iterdir()))}.json"
+    assert main(["replay", str(DEMO), "--part", "demo_nut", "--json", str(out), *options]) == 0
+    assert "(baseline)" in capsys.readouterr().out
+    return json.loads(out.read_text())
+
+
+def test_nodes_and_direct_agree_to_the_part(tmp_path, capsys):
+    nodes = replay(tmp_path, capsys, "--nodes", "--report", str(tmp_path / "report"))
+    direct = replay(tmp_path, capsys, "--direct")
+    for key in ("count", "count_interval", "views", "estimator", "reasons", "status", "counts"):
+        assert nodes[key] == direct[key], key
+    assert nodes["volume_m3"] == pytest.approx(direct["volume_m3"], rel=1e-9)
+    assert nodes["views"] == {"received": 12, "used": 12, "skipped": {}}
+    assert all(nodes["seconds"][s] > 0 for s in ("load", "read", "integrate", "finish", "total"))
+    pictures = {p.name for p in (tmp_path / "report").iterdir()}
+    assert {"top_surface.png", "key_view.png", "result.json"} <= pictures
+
+
+def test_live_gives_a_count_for_each_view_both_ways(tmp_path, capsys):
+    nodes = replay(tmp_path, capsys, "--nodes", "--live")
+    direct = replay(tmp_path, capsys, "--direct", "--live")
+    assert nodes["counts"] == direct["counts"]
+    stamps = [entry["stamp_ns"] for entry in direct["counts"]]
+    assert stamps == [(i + 1) * 10**9 for i in range(12)]
+    assert direct["counts"][-1]["count"] == direct["count"]
+
+
+def test_a_node_that_cannot_start_says_why(tmp_path, capsys):
+    config = tmp_path / "config.yaml"
+    config.write_text("/stack_counter/counter:\n  ros__parameters:\n"
+                      f"    weights: {tmp_path / 'none.safetensors'}\n")
+    assert main(["replay", str(DEMO), "--part", "demo_nut", "--config", str(config)]) == 2
+    assert "none.safetensors" in capsys.readouterr().err
