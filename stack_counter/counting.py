@@ -11,6 +11,7 @@ import numpy as np
 from stack_counter.errors import PartError
 from stack_counter.types import OccupancyEstimate, StackCount, StackVolume
 
+_ROUNDING = 1e-6  # of a part: an exact bound is not pushed to the next number by rounding
 # Reasons that make a count less than what was asked for.
 _DEGRADING = {"no_depth", "bag_truncated", "low_coverage", "views_lost"}
 
@@ -44,7 +45,8 @@ def make_count(volume: StackVolume, unit_volume: float, estimate: OccupancyEstim
         low, high = (_bound(expected, estimate.ratio_quantiles, spread, share)
                      for share in ((1 - confidence) / 2, (1 + confidence) / 2))
     result = StackCount(
-        count=count, count_interval=(min(math.floor(low), count), max(math.ceil(high), count)),
+        count=count, count_interval=(min(math.floor(low + _ROUNDING), count),
+                                               max(math.ceil(high - _ROUNDING), count)),
         confidence=confidence, gamma=estimate.gamma, gamma_std=estimate.gamma_std,
         unit_volume=unit_volume, volume=volume, estimator=estimate.estimator)
     return flagged(result, *volume.reasons, *estimate.reasons)

@@ -16,6 +16,7 @@ from stack_counter.segmentation.given import label_image
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS, UNSEEN, View
 
 _COARSE = 48  # voxels along the side of the first grid
+_FAR_PX = 2.0**15  # largest distance kept, pixels
 _MAX_VOXELS = 20_000_000
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float) / 4
 
@@ -84,7 +85,8 @@ def _outline(view: View) -> _Outline:
     empty = (labels == BACKGROUND).astype(np.uint8)
     distance = cv2.distanceTransform(empty, cv2.DIST_L2, 5) \
         - cv2.distanceTransform(1 - empty, cv2.DIST_L2, 5)
-    return _Outline(view, distance.astype(np.float16), labels != UNSEEN)
+    return _Outline(view, np.clip(distance, -_FAR_PX, _FAR_PX).astype(np.float16),
+                    labels != UNSEEN)
 
 
 def _common_space(views: list[View]) -> tuple[np.ndarray, float]:
