@@ -2,7 +2,7 @@
 # PYTHON=/path/to/python3.12 make setup: with an interpreter of your choice (3.10 to 3.13)
 
 SHELL := bash
-DEMO := .venv/bin/stack-counter replay bags/demo --part demo_part
+DEMO := .venv/bin/stack-counter replay bags/demo --part demo_nut
 # Puts this package's messages on the paths where ROS 2 is sourced; does nothing elsewhere.
 IN_VENV := source .venv/ros.bash &&
 

@@ -25,6 +25,7 @@ REQUIRES = [
     "torch>=2.14.1",
     "tqdm>=4.70",
     "trimesh>=5.2",
+    "zstandard>=0.25",  # (no key: comes with mcap)
 ]
 
 EXTRAS = {

@@ -36,7 +36,8 @@ _USAGE, _NO_COUNT = 2, 3
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command; returns its exit code."""
     options = _parser().parse_args(arguments)
-    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    # Skipped views are counted in the result; one line on stderr is for what ends the command.
+    logging.basicConfig(level=logging.ERROR, format="%(message)s", stream=sys.stderr)
     try:
         return options.run(options)
     except (ConfigError, PartError, WeightsError, FileNotFoundError) as error:

@@ -21,11 +21,10 @@ from stack_counter_msgs.srv import StartScan, StopScan
 
 from stack_counter.bag.processes import NodeError, NodeProcesses, private_environment
 from stack_counter.bag.reader import BagReader, fit_config, listened
-from stack_counter.bag.replay import Replayed, count_entry
+from stack_counter.bag.replay import Replayed, count_entry, no_count
 from stack_counter.config import NAMESPACE, CollectorConfig, Config
 from stack_counter.counting import flagged
-from stack_counter.errors import ScanError
-from stack_counter.stack_messages import from_stack_count
+from stack_counter.stack_messages import from_stack_count, from_tally
 
 _AHEAD = 4  # images played that have not yet been processed
 _START_WITHIN_S = 60.0
@@ -204,7 +203,7 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
         rclpy.try_shutdown(context=context)
         spinner.join()
     if message.error:
-        raise ScanError(message.error)
+        raise no_count(message.error, from_tally(message.views), [])
     count = from_stack_count(message, player.volume)
     if reader.truncated:
         count = flagged(count, "bag_truncated")

@@ -15,7 +15,7 @@ from stack_counter.counting import flagged
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.occupancy import make_estimator
 from stack_counter.pipeline import StackCounter, count_stack, joined_tally
-from stack_counter.types import StackCount
+from stack_counter.types import StackCount, ViewTally
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,12 @@ def count_entry(count: StackCount) -> dict[str, Any]:
     """One entry of the JSON key `counts`."""
     return {"stamp_ns": count.volume.stamp_ns, "count": count.count,
             "count_interval": list(count.count_interval)}
+
+
+def no_count(error: str, tally: ViewTally, hints: list[str]) -> ScanError:
+    """The error of a bag that gives no count, with what became of its images."""
+    return ScanError("; ".join([error, f"{tally.received} images in the bag, skipped "
+                                       f"{tally.skipped}", *hints]))
 
 
 def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
@@ -72,8 +78,7 @@ def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
     try:
         volume = stack.volume()
     except ScanError as error:
-        hints = "; ".join(assembler.last_error.values())
-        raise ScanError(f"{error}{' (' + hints + ')' if hints else ''}") from error
+        raise no_count(str(error), tally, list(assembler.last_error.values())) from error
     count = count_stack(replace(volume, views=tally), unit_volume, estimator, confidence)
     if reader.truncated:
         count = flagged(count, "bag_truncated")
