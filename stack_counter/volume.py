@@ -19,6 +19,9 @@ _HIGHEST_FLOOR = 0.12  # of the rim's height, that a floor may lie above the sup
 _FLAT = 0.002  # how level a visible floor is, m
 _LEVEL_ERROR = 0.0007  # standard deviation of a fused height's common error, m
 _EDGE_ERROR = 0.0010  # standard deviation of a fitted wall's place, m
+# Relative standard deviations on the training piles beyond the parts above: hidden gaps that the
+# fused surface bridges; parts that lie apart from a heap.
+_GAP_ERROR, _HEAP_ERROR = 0.04, 0.08
 _FILL_ERROR = 0.25  # relative standard deviation of a height that was filled in
 
 
@@ -79,6 +82,7 @@ def _measure_box(view: TopView, container: Container, pitch: float, floor_known:
     if volume > 0:
         edges = mean * _EDGE_ERROR * np.sqrt(2 * width**2 + 2 * length**2)
         std = float(np.sqrt((_LEVEL_ERROR * width * length) ** 2 + edges**2
+                            + (_GAP_ERROR * volume) ** 2
                             + ((1 - coverage) * _FILL_ERROR * volume) ** 2))
     low, high = np.percentile(fill, [1, 99])
     level = tuple(float(x / (rim - floor)) for x in (low, mean, high))
@@ -140,6 +144,7 @@ def _measure_heap(view: TopView, container: Container, region: Region, pitch: fl
     outline = np.count_nonzero(stack & ~ndimage.binary_erosion(stack)) * pitch
     mean = volume / area if area else 0.0
     std = float(np.sqrt((_LEVEL_ERROR * area) ** 2 + (mean * _EDGE_ERROR * outline) ** 2 / 4
+                        + (_HEAP_ERROR * volume) ** 2
                         + ((1 - coverage) * _FILL_ERROR * volume) ** 2))
     inner = HeightMap(T_world_map, pitch, np.zeros(shape, np.float32))
     return Measure(volume, std, replace(top, heights=heights), inner, coverage, (0.0, 0.0, 0.0),

@@ -18,6 +18,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from stack_counter_msgs.msg import ScanStatus, StackCount, StackVolume
 from stack_counter_msgs.srv import StartScan, StopScan
+from std_srvs.srv import Trigger
 
 from stack_counter.bag.processes import NodeError, NodeProcesses, private_environment
 from stack_counter.bag.reader import BagReader, fit_config, listened
@@ -58,6 +59,7 @@ class Player(Node):
         self.create_subscription(StackCount, "count", self._on_count, _TRANSIENT)
         self._start = self.create_client(StartScan, "start_scan")
         self._stop = self.create_client(StopScan, "stop_scan")
+        self._reset = self.create_client(Trigger, "reset")
 
     # --- what the nodes say -------------------------------------------------------------------
 
@@ -94,6 +96,7 @@ class Player(Node):
     def connected(self) -> bool:
         """Whether all three nodes are up and hear what is played."""
         return (self._start.service_is_ready() and self._stop.service_is_ready()
+                and self._reset.service_is_ready()
                 and all(p.get_subscription_count() for p in self._publishers_of.values())
                 and bool(self.count_publishers("volume")) and bool(self.count_publishers("count"))
                 and bool(self.count_subscribers("posed_images"))
@@ -114,11 +117,19 @@ class Player(Node):
 
     def start_scan(self, part: str, unit_volume: float, check: Callable[[], None]) -> str:
         """Opens a scan; returns its id."""
-        answer = self.call(self._start, StartScan.Request(part=part, unit_volume=unit_volume),
-                           check)
-        if not answer.accepted:
-            raise NodeError(f"start_scan refused: {answer.message}")
-        return answer.scan_id
+        request = StartScan.Request(part=part, unit_volume=unit_volume)
+        deadline = time.monotonic() + _START_WITHIN_S
+        while time.monotonic() < deadline:
+            answer = self.call(self._start, request, check)
+            if not answer.accepted:
+                raise NodeError(f"start_scan refused: {answer.message}")
+            unheard = set(answer.unmatched_topics) & set(self._publishers_of)
+            if not unheard:
+                return answer.scan_id
+            self.call(self._reset, Trigger.Request(), check)
+            self.wait(lambda: False, 0.1, check)
+        raise NodeError(f"the collector does not hear {sorted(unheard)}; expected a match within "
+                        f"{_START_WITHIN_S} s")
 
     def play(self, reader: BagReader, rate: float, on_view: Callable[[], None],
              check: Callable[[], None]) -> None:

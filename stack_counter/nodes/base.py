@@ -14,14 +14,17 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
+from rclpy.subscription import Subscription
+
 from stack_counter.config import NAMESPACE, Section, build
 from stack_counter.errors import StackCounterError
 
 # Reliable everywhere: best effort loses images even on one machine. Latched topics give their
-# last message to whoever subscribes later.
+# last messages to whoever subscribes later; deep enough that a running result of the continuous
+# mode is not overwritten before it is delivered.
 RELIABLE = QoSProfile(depth=100, history=HistoryPolicy.KEEP_LAST,
                       reliability=ReliabilityPolicy.RELIABLE)
-LATCHED = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST,
+LATCHED = QoSProfile(depth=20, history=HistoryPolicy.KEEP_LAST,
                      reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -86,7 +89,7 @@ class ManagedNode(LifecycleNode, Generic[Section]):
         self._undo.append(undo)
 
     def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None],
-                  qos: QoSProfile) -> None:
+                  qos: QoSProfile) -> Subscription:
         """A subscription whose messages count only while the node is active."""
         def guarded(message: Any) -> None:
             if not self.active:
@@ -98,6 +101,7 @@ class ManagedNode(LifecycleNode, Generic[Section]):
 
         made = self.create_subscription(kind, topic, guarded, qos)
         self._undo.append(lambda: self.destroy_subscription(made))
+        return made
 
     def advertise(self, kind: type, topic: str, qos: QoSProfile) -> Publisher:
         """A publisher that cleanup destroys."""

@@ -38,20 +38,24 @@ class Collector(ManagedNode[CollectorConfig]):
                             else ReliabilityPolicy.BEST_EFFORT)
         kind = CompressedImage if config.color_transport == "compressed" else Image
         suffix = "/compressed" if config.color_transport == "compressed" else ""
-        self.subscribe(kind, config.color_topic + suffix, self._on_color, sensor)
-        self.subscribe(CameraInfo, config.camera_info_topic, self._assembler.add_camera_info,
-                       sensor)
+        self._inputs = [
+            self.subscribe(kind, config.color_topic + suffix, self._on_color, sensor),
+            self.subscribe(CameraInfo, config.camera_info_topic,
+                           self._assembler.add_camera_info, sensor)]
         if config.depth_topic:
-            self.subscribe(Image, config.depth_topic, self._on_depth, sensor)
+            self._inputs.append(self.subscribe(Image, config.depth_topic, self._on_depth, sensor))
         if config.labels_topic:
-            self.subscribe(Image, config.labels_topic, self._on_labels, sensor)
+            self._inputs.append(self.subscribe(Image, config.labels_topic, self._on_labels,
+                                               sensor))
         if config.pose_source == "topic":
-            self.subscribe(PoseStamped, config.pose_topic, self._on_pose, RELIABLE)
+            self._inputs.append(self.subscribe(PoseStamped, config.pose_topic, self._on_pose,
+                                               RELIABLE))
         else:
             static = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-            self.subscribe(TFMessage, "/tf", lambda m: self._on_tf(m, False),
-                           QoSProfile(depth=1000))
+            self._inputs.append(self.subscribe(
+                TFMessage, "/tf", lambda m: self._on_tf(m, False), QoSProfile(depth=1000)))
             self.subscribe(TFMessage, "/tf_static", lambda m: self._on_tf(m, True), static)
+        self._heard = False  # the reconstructor says that posed images reach it
         self._posed_images = self.advertise(PosedImage, "posed_images", RELIABLE)
         self._status = self.advertise(ScanStatus, "scan_status", RELIABLE)
         self.subscribe(ScanStatus, "scan_status", self._on_status, RELIABLE)
@@ -94,10 +98,12 @@ class Collector(ManagedNode[CollectorConfig]):
         self._collect()
 
     def _on_status(self, message: ScanStatus) -> None:
-        if message.node == "reconstructor" and self._scan is not None \
-                and message.scan_id == self._scan.scan_id:
+        if message.node != "reconstructor":
+            return
+        self._heard = True
+        if self._scan is not None and message.scan_id == self._scan.scan_id:
             self._processed = message.received
-            self._send()
+        self._send()
 
     def _collect(self) -> None:
         """Takes the views that are complete and sends what the reconstructor has room for."""
@@ -118,7 +124,7 @@ class Collector(ManagedNode[CollectorConfig]):
     def _send(self) -> None:
         scan = self._scan
         while scan is not None and self._outbox and self._sent - self._processed < _IN_FLIGHT \
-                and self._posed_images.get_subscription_count():
+                and self._heard:
             self._posed_images.publish(to_posed_image(
                 self._outbox.popleft(), self._config.world_frame, scan.scan_id, scan.part,
                 scan.unit_volume))
@@ -151,6 +157,9 @@ class Collector(ManagedNode[CollectorConfig]):
         self._open = True
         self._report(ScanStatus.SCANNING)
         response.accepted, response.scan_id = True, self._scan.scan_id
+        # Asked of the readers: a publisher in the graph may not have been matched yet.
+        response.unmatched_topics = [s.topic_name for s in self._inputs
+                                     if not s.get_publisher_count()]
         return response
 
     def _stop_scan(self, request: StopScan.Request, response: StopScan.Response
@@ -166,8 +175,8 @@ class Collector(ManagedNode[CollectorConfig]):
         return response
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._report(ScanStatus.IDLE)
         self._forget_scan()
+        self._report(ScanStatus.IDLE)
         response.success = True
         return response
 

@@ -40,10 +40,16 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self._status = self.advertise(ScanStatus, "scan_status", RELIABLE)
         self._markers = self.advertise(MarkerArray, "container_marker", LATCHED)
         self._points = self.advertise(PointCloud2, "surface", LATCHED)
-        self.subscribe(PosedImage, "posed_images", self._on_image, RELIABLE)
+        self._images = self.subscribe(PosedImage, "posed_images", self._on_image, RELIABLE)
         self.subscribe(ScanStatus, "scan_status", self._on_status, RELIABLE)
         self.serve(Trigger, "reset_reconstruction", self._reset)
         self.tick(0.5, self._finish_if_whole)
+        self.tick(0.2, self._greet)
+
+    def _greet(self) -> None:
+        """Tells a waiting collector that its images arrive: from here on none is lost."""
+        if self._scan is None and self._images.get_publisher_count():
+            self._status.publish(ScanStatus(node="reconstructor", state=ScanStatus.IDLE))
 
     def _on_image(self, message: PosedImage) -> None:
         if self._scan is None or message.scan_id != self._scan.scan_id:

@@ -23,9 +23,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.occupancy import FORMAT, normalized_height
 from stack_counter.pipeline import StackCounter
-from stack_counter.sim.recording import record
-from stack_counter.sim.scene import load_scene
-from stack_counter.sim.truth import truth_of
+from stack_counter.sim import load_scene, record, truth_of
 
 _QUANTILES = 101
 

@@ -41,11 +41,15 @@ def camera(ros, k):
 def test_poses_are_interpolated_and_skips_are_counted(ros):
     ros.start("collector", depth_topic="''", tf_timeout_s=0.5)
     images = ros.listen(PosedImage, f"{SPACE}/posed_images")
+    greet = ros.node.create_publisher(ScanStatus, f"{SPACE}/scan_status", QoSProfile(depth=10))
+    ros.matched(greet)
+    ros.wait(lambda: ros.node.count_publishers(f"{SPACE}/posed_images"), "the collector's topic")
     states = ros.listen(ScanStatus, f"{SPACE}/scan_status")
     publish = camera(ros, Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5))
+    greet.publish(ScanStatus(node="reconstructor"))
     answer = ros.call(StartScan, f"{SPACE}/start_scan",
                       StartScan.Request(scan_id="a", part="nut", unit_volume=2e-6))
-    assert answer.accepted and answer.scan_id == "a"
+    assert answer.accepted and answer.scan_id == "a" and not answer.unmatched_topics
     assert not ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request()).accepted
     publish(0)
     publish(1, with_tf=False)
@@ -74,6 +78,7 @@ def test_no_image_is_lost_at_1280x720(ros):
                                  QoSProfile(depth=100))
     publish = camera(ros, Intrinsics(1280, 720, 900.0, 900.0, 639.5, 359.5))
     ros.matched(status)
+    status.publish(ScanStatus(node="reconstructor"))
     ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(scan_id="b"))
     for i in range(200):
         ros.wait(lambda i=i: i - len(images) < 8, f"image {i - 8} of 200")
