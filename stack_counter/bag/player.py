@@ -30,6 +30,7 @@ from stack_counter.stack_messages import from_stack_count, from_tally
 _AHEAD = 4  # images played that have not yet been processed
 _START_WITHIN_S = 60.0
 _STALL_S = 30.0  # no image processed for so long: a node hangs
+_PATIENT_S = 20.0  # how long the collector waits for a pose that the bag may still hold
 _SETTLE_S = 3.0  # last images wait so long for depth or TF that may still come
 _TRANSIENT = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -190,6 +191,9 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     context = rclpy.context.Context()
     reader = BagReader(path)
     collector = fit_config(config.collector, reader.topics)
+    # All that the bag has will come, however slowly: only what it lacks is not worth waiting for.
+    posed = {"/tf", "/tf_static", collector.pose_topic} & set(reader.topics)
+    collector = replace(collector, tf_timeout_s=_PATIENT_S if posed else 0.0)
     wanted = {name: reader.topics[name][0] for name in listened(collector)
               if name in reader.topics}
     rclpy.init(context=context, domain_id=int(environment["ROS_DOMAIN_ID"]))

@@ -9,7 +9,7 @@ from typing import Any, Generic
 
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -137,7 +137,7 @@ def run(make_node: Any) -> None:
     """Main of a node: starts it, brings it up unless `autostart` is false, spins until told."""
     rclpy.init()
     node = make_node()
-    executor = MultiThreadedExecutor(num_threads=2)
+    executor = SingleThreadedExecutor()  # nothing here blocks: the action waits on futures
     executor.add_node(node)
     try:
         if node.autostart and node.trigger_configure() == TransitionCallbackReturn.SUCCESS:

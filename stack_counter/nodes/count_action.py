@@ -16,6 +16,7 @@ from stack_counter_msgs.srv import StartScan, StopScan
 from stack_counter.counting import verdict
 from stack_counter.nodes.base import RELIABLE
 
+_COLLECTOR_WITHIN_S = 5.0  # a collector that is just starting is waited for
 _COUNT_WITHIN_S = 20.0  # from the end of the scan to the count
 _VERDICTS = {"none": StackCount.VERDICT_NONE, "pass": StackCount.VERDICT_PASS,
              "fail": StackCount.VERDICT_FAIL, "unsure": StackCount.VERDICT_UNSURE}
@@ -94,7 +95,11 @@ class CountAction:
             self._goal, self._busy, self.confidence = None, False, self._default_confidence
 
     async def _scan(self, goal: ServerGoalHandle, request: CountStack.Goal) -> CountStack.Result:
-        if not self._start.service_is_ready():
+        for _ in range(round(_COLLECTOR_WITHIN_S / 0.1)):
+            if self._start.service_is_ready():
+                break
+            await self._within(Future(), 0.1, None)
+        else:
             return self._failed(goal, "no collector offers start_scan; expected one running")
         started = await self._start.call_async(
             StartScan.Request(part=request.part, unit_volume=request.unit_volume))

@@ -11,6 +11,8 @@ import time
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from stack_counter_msgs.srv import StartScan
+from std_srvs.srv import Trigger
 
 from stack_counter.bag.processes import private_environment
 
@@ -82,6 +84,18 @@ class Harness:
     def matched(self, *publishers):
         """Waits until every publisher has a subscriber."""
         self.wait(lambda: all(p.get_subscription_count() for p in publishers), "subscribers")
+
+    def heard_by_collector(self, *publishers):
+        """Waits until the collector itself says that it hears these publishers."""
+        topics = {p.topic_name for p in publishers}
+
+        def heard():
+            answer = self.call(StartScan, "/stack_counter/start_scan", StartScan.Request())
+            self.call(Trigger, "/stack_counter/reset", Trigger.Request())
+            return answer.accepted and not topics & set(answer.unmatched_topics)
+
+        self.matched(*publishers)
+        self.wait(heard, f"the collector to hear {sorted(topics)}")
 
     def close(self):
         """Stops everything."""

@@ -8,7 +8,7 @@ from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile
 from stack_counter_msgs.action import CountStack
-from stack_counter_msgs.msg import StackCount
+from stack_counter_msgs.msg import ScanStatus, StackCount
 
 from stack_counter.bag.player import message_type
 from stack_counter.bag.reader import BagReader, fit_config, listened
@@ -22,7 +22,7 @@ def cell(ros):
     """Three nodes, the demo bag ready to be played, and an action client."""
     reader = BagReader(BAG)
     config = fit_config(CollectorConfig(), reader.topics)
-    ros.start("collector", color_transport="compressed")
+    ros.start("collector", color_transport="compressed", tf_timeout_s=20.0)
     ros.start("reconstructor")
     ros.start("counter", estimator="depth_corrected")
     qos = QoSProfile(depth=1000)
@@ -30,8 +30,7 @@ def cell(ros):
                   for t in listened(config) if t in reader.topics}
     client = ActionClient(ros.node, CountStack, "/stack_counter/count_stack")
     assert client.wait_for_server(60)
-    ros.matched(*publishers.values())
-    ros.wait(lambda: ros.node.count_subscribers("/stack_counter/posed_images"), "reconstructor")
+    ros.heard_by_collector(*publishers.values())
 
     def play(pause_s=0.1):
         for record in reader.records(set(publishers)):
@@ -48,7 +47,7 @@ def goal(**fields):
 
 def test_scan_with_verdict_then_rejection_and_cancel(ros, cell):
     client, play = cell
-    feedback = []
+    feedback, states = [], ros.listen(ScanStatus, "/stack_counter/scan_status")
     sent = client.send_goal_async(goal(max_views=12, expected_count=5000, tolerance=10),
                                   feedback_callback=lambda m: feedback.append(m.feedback))
     ros.wait(sent.done, "the goal's acceptance")
@@ -57,7 +56,7 @@ def test_scan_with_verdict_then_rejection_and_cancel(ros, cell):
     ros.wait(second.done, "an answer")
     assert not second.result().accepted, "one goal at a time"
     result = sent.result().get_result_async()
-    ros.wait(lambda: ros.node.count_publishers("/stack_counter/count"), "the counter")
+    ros.wait(lambda: any(s.state == ScanStatus.SCANNING and s.scan_id for s in states), "a scan")
     play()
     ros.wait(result.done, "the result")
     answer = result.result().result

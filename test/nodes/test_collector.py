@@ -34,7 +34,7 @@ def camera(ros, k):
         info.publish(to_camera_info(k, header))
         color.publish(to_image(picture, "rgb8", header))
 
-    ros.matched(color, info, tf)
+    ros.heard_by_collector(color, info, tf)
     return publish
 
 
