@@ -183,7 +183,7 @@ class _Pile:
     def add_wave(self, count: int, random: np.random.Generator) -> None:
         """Adds parts in random attitudes on a grid above all that is there."""
         top = max([self._plan.floor + self._plan.inner[2]]
-                  + [b.pose.p[2] for b in self._bodies]) + self._reach
+                  + [b.entity_pose.p[2] for b in self._bodies]) + self._reach
         cells = int(np.prod(self._grid))
         room = np.maximum(self._plan.inner[:2] - self._grid * self._reach, 0) / 2
         for i in range(count):
@@ -235,4 +235,5 @@ class _Pile:
 
     def poses(self) -> np.ndarray:
         """(n, 7) float64 position and quaternion (x, y, z, w) of each part."""
-        return np.array([[*b.pose.p, *np.roll(b.pose.q, -1)] for b in self._bodies], float)
+        return np.array([[*b.entity_pose.p, *np.roll(b.entity_pose.q, -1)]
+                         for b in self._bodies], float)

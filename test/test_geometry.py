@@ -1,0 +1,84 @@
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stack_counter import geometry
+from stack_counter.errors import ViewError
+from stack_counter.types import UNSEEN, Intrinsics, View
+
+RANDOM = np.random.default_rng(0)
+ROTATIONS = Rotation.random(50, random_state=0).as_matrix()
+K = Intrinsics(64, 48, 60.0, 62.0, 31.0, 24.0)
+
+
+def test_inverse_and_quaternions_against_scipy():
+    for R in ROTATIONS:
+        T = geometry.pose(R, RANDOM.normal(size=3))
+        np.testing.assert_allclose(T @ geometry.inverse(T), np.eye(4), atol=1e-12)
+        q = geometry.quaternion_from_pose(T)
+        want = Rotation.from_matrix(R).as_quat(canonical=True)
+        np.testing.assert_allclose(q, want, atol=1e-9)
+        np.testing.assert_allclose(geometry.pose_from_quaternion(q, T[:3, 3]), T, atol=1e-12)
+
+
+def test_projection_inverts_unprojection_and_agrees_with_opencv():
+    depth = RANDOM.uniform(0.3, 1.0, (48, 64)).astype(np.float32)
+    points = geometry.unproject(depth, K)
+    pixels, z = geometry.project(points, K)
+    v, u = np.mgrid[:48, :64]
+    np.testing.assert_allclose(pixels, np.stack([u, v], -1), atol=1e-4)
+    np.testing.assert_allclose(z, depth)
+    want, _ = cv2.projectPoints(points.reshape(-1, 3).astype(float), np.zeros(3), np.zeros(3),
+                                K.K, None)
+    np.testing.assert_allclose(pixels.reshape(-1, 2), want[:, 0], atol=1e-4)
+
+
+def test_look_at_puts_the_target_on_the_axis_and_up_upwards():
+    T = geometry.look_at(np.array([0.4, -0.3, 0.6]), np.array([0.1, 0.1, 0.0]))
+    pixel, z = geometry.project(geometry.apply(geometry.inverse(T), np.array([0.1, 0.1, 0])), K)
+    np.testing.assert_allclose(pixel, [K.cx, K.cy], atol=1e-9)
+    assert z > 0 and T[2, 1] < 0  # image y points down
+    np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(T[:3, :3]) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("model, coefficients", [
+    ("plumb_bob", (0.1, -0.05, 0.002, -0.001, 0.01)), ("equidistant", (0.05, -0.01, 0.002, 0.0))])
+def test_rectified_pixels_are_where_a_pinhole_sees_them(model, coefficients):
+    lens = Intrinsics(640, 480, 500.0, 505.0, 320.0, 240.0, model, coefficients)
+    points = np.array([[0.1, 0.05, 1.0], [-0.2, 0.1, 1.2], [0.0, -0.15, 0.9]])
+    project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
+    seen, _ = project(points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), lens.K,
+                      np.array(coefficients))
+    color = np.zeros((480, 640, 3), np.uint8)
+    for (x, y), value in zip(seen.reshape(-1, 2), (90, 160, 250)):
+        cv2.circle(color, (round(x), round(y)), 4, (value,) * 3, -1)
+    view = geometry.rectify(View(0, lens, np.eye(4), color, labels=np.full((480, 640), 2,
+                                                                           np.uint8)))
+    assert not np.any(view.intrinsics.distortion)
+    want, _ = geometry.project(points, view.intrinsics)
+    for x, y in want:
+        near = view.color[round(y) - 15:round(y) + 16, round(x) - 15:round(x) + 16, 0] > 40
+        rows, cols = np.nonzero(near)
+        assert [cols.mean() - 15, rows.mean() - 15] == pytest.approx([0, 0], abs=1.0)
+    assert set(np.unique(view.labels)) <= {2, UNSEEN}
+
+
+def test_crop_keeps_rays():
+    depth = RANDOM.uniform(0.3, 1.0, (48, 64)).astype(np.float32)
+    view = View(0, K, np.eye(4), depth=depth)
+    part = geometry.crop(view, np.array([10.2, -5.0]), np.array([20.5, 15.0]))
+    np.testing.assert_array_equal(part.depth, depth[0:16, 10:22])
+    np.testing.assert_allclose(geometry.unproject(part.depth, part.intrinsics),
+                               geometry.unproject(depth, K)[0:16, 10:22], atol=1e-6)
+    with pytest.raises(ViewError, match="out_of_sight"):
+        geometry.crop(view, np.array([100.0, 0]), np.array([120.0, 10]))
+
+
+@pytest.mark.parametrize("changes", [{"fx": 0.0}, {"fy": -1.0}, {"cx": float("nan")},
+                                     {"width": 0}, {"distortion_model": "swirl"}])
+def test_bad_calibrations_are_refused(changes):
+    with pytest.raises(ViewError, match="expected") as caught:
+        geometry.check_intrinsics(Intrinsics(**{**K.__dict__, **changes}))
+    assert caught.value.reason == "bad_intrinsics"
