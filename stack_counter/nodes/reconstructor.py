@@ -32,7 +32,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         """Makes an empty reconstruction and connects it."""
         self._config = config
         self._stack = StackCounter(config)
-        self._scan: PosedImage | None = None  # first image of the scan
+        self._scan: PosedImage | None = None  # first image of the scan; None between scans
         self._received = 0
         self._stopped: ScanStatus | None = None
         self._stopped_at = 0.0
@@ -47,9 +47,13 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self.tick(0.2, self._greet)
 
     def _greet(self) -> None:
-        """Tells a waiting collector that its images arrive: from here on none is lost."""
-        if self._scan is None and self._images.get_publisher_count():
+        """Tells a collector that its images arrive: from here on none is lost."""
+        if not self._images.get_publisher_count():
+            return
+        if self._scan is None:
             self._status.publish(ScanStatus(node="reconstructor", state=ScanStatus.IDLE))
+        else:
+            self._report()
 
     def _on_image(self, message: PosedImage) -> None:
         if self._scan is None or message.scan_id != self._scan.scan_id:
@@ -96,7 +100,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         if self._received < self._stopped.processed and not late:
             return
         self._publish_volume(final=True, lost=self._stopped.processed - self._received)
-        self._stopped = None
+        self._stopped = self._scan = None  # the next image begins a scan, whatever its id
 
     def _publish_volume(self, final: bool, lost: int = 0) -> None:
         assert self._scan is not None  # for the type checker
