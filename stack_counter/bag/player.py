@@ -191,9 +191,10 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     context = rclpy.context.Context()
     reader = BagReader(path)
     collector = fit_config(config.collector, reader.topics)
-    # All that the bag has will come, however slowly: only what it lacks is not worth waiting for.
+    # All that the bag has will come, however slowly: only what it lacks is not worth a long wait.
     posed = {"/tf", "/tf_static", collector.pose_topic} & set(reader.topics)
-    collector = replace(collector, tf_timeout_s=_PATIENT_S if posed else 0.0)
+    if posed and collector.camera_info_topic in reader.topics:
+        collector = replace(collector, tf_timeout_s=_PATIENT_S)
     wanted = {name: reader.topics[name][0] for name in listened(collector)
               if name in reader.topics}
     rclpy.init(context=context, domain_id=int(environment["ROS_DOMAIN_ID"]))
