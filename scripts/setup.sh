@@ -198,10 +198,11 @@ make_venv() {
     echo "no uv; pip does its work"
 }
 
-install_dependencies() {
+install_dependencies() {  # setuptools first: it reads setup.py, and Python 3.12 comes without
+  install "$setuptools" wheel || return
   "$venv/bin/python" -c 'import sys, setup
 print(*setup.REQUIRES, *(line for extra in sys.argv[1:] for line in setup.EXTRAS[extra]), sep="\n")
-' $extras >"$venv/requirements.txt" && install "$setuptools" wheel -r "$venv/requirements.txt"
+' $extras >"$venv/requirements.txt" && install -r "$venv/requirements.txt"
 }
 
 install_package() {  # data files and commands; the code itself is used where it lies
