@@ -1,6 +1,7 @@
 """Views from messages, with the bag reader's decoded messages as input."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -137,3 +138,25 @@ def test_fixed_camera_is_gated_on_change(tmp_path):
     got = assembler.flush()
     assert [v.stamp_ns for v in got] == [10**9, 3 * 10**9, 5 * 10**9]
     assert all(v.fixed for v in got) and assembler.tally.skipped == {"duplicate": 3}
+
+
+def test_poses_from_a_topic_are_those_of_tf(tmp_path):
+    records, config = load(bag(tmp_path))
+    by_tf, _ = feed(records, config)
+    topic = replace(config, pose_source="topic")
+    assembler, views = ViewAssembler(topic), []
+    takers = {config.camera_info_topic: assembler.add_camera_info,
+              config.depth_topic: assembler.add_depth}
+    for name, message in records:
+        if name != "/tf":
+            takers.get(name, assembler.add_color)(message)
+        else:
+            for t in message.transforms:
+                pose = SimpleNamespace(position=t.transform.translation,
+                                       orientation=t.transform.rotation)
+                assembler.add_pose(SimpleNamespace(header=t.header, pose=pose))
+        views += assembler.poll()
+    views += assembler.flush()
+    assert len(views) == len(by_tf) == 6
+    for a, b in zip(views, by_tf):
+        np.testing.assert_array_equal(a.T_world_camera, b.T_world_camera)
