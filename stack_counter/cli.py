@@ -10,6 +10,7 @@ import argparse
 import json
 import logging
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -124,6 +125,7 @@ def _settings(options: argparse.Namespace) -> Config:
 
 
 def _replay(options: argparse.Namespace) -> int:
+    begin = time.perf_counter()
     config = _settings(options)
     part, given = options.part or config.counter.part, config.counter.unit_volume_m3
     if options.unit_volume_cm3 is not None:
@@ -140,12 +142,12 @@ def _replay(options: argparse.Namespace) -> int:
             from stack_counter.bag.player import replay_nodes
 
             result = replay_nodes(options.bag, config, part, unit_volume, options.rate,
-                                  lambda: bar.update() and None)
+                                  lambda: bar.update() and None, begin)
         else:
             from stack_counter.bag.replay import replay_direct
 
             result = replay_direct(options.bag, config, unit_volume, options.rate,
-                                   lambda: bar.update() and None)
+                                   lambda: bar.update() and None, begin)
     print(as_text(result.count, _true_count(options.bag)))
     if options.json:
         text = json.dumps(as_dict(result.count, result.counts), indent=2)

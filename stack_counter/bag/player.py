@@ -170,7 +170,7 @@ def message_type(name: str) -> type:
 
 
 def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate: float,
-                 on_view: Callable[[], None]) -> Replayed:
+                 on_view: Callable[[], None], begin: float) -> Replayed:
     """Plays a bag through collector, reconstructor and counter over DDS.
 
     Args:
@@ -179,13 +179,13 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
         part, unit_volume: what is in the bin; m3, 0 for the part's.
         rate: 0 to play as fast as the nodes take it, or the speed of the recording's clock.
         on_view: called for each image played.
+        begin: when the command began (`time.perf_counter`): imports count as loading.
 
     Raises:
         BagError: the bag has no usable topics.
         NodeError: a node died or hangs.
         ScanError: the nodes say why there is no count.
     """
-    begin = time.perf_counter()
     environment = private_environment()
     os.environ.update(environment)  # read by the DDS library when the context starts
     context = rclpy.context.Context()

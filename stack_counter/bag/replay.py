@@ -39,7 +39,7 @@ def no_count(error: str, tally: ViewTally, hints: list[str]) -> ScanError:
 
 
 def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
-                  on_view: Callable[[], None]) -> Replayed:
+                  on_view: Callable[[], None], begin: float) -> Replayed:
     """Feeds a bag to `StackCounter` as fast as it can, or in real time times `rate`.
 
     Args:
@@ -48,11 +48,11 @@ def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
         unit_volume: of one part, m3.
         rate: 0, or the speed of the recording's clock.
         on_view: called after each view, for progress.
+        begin: when the command began (`time.perf_counter`): imports count as loading.
 
     Raises:
         BagError, ScanError, ConfigError, WeightsError, PartError: see there.
     """
-    begin = time.perf_counter()
     estimator = make_estimator(config.counter.estimator,
                                Path(config.counter.weights) if config.counter.weights else None)
     stack = StackCounter(config.reconstructor)
