@@ -72,10 +72,10 @@ def make_scene(seed: int, index: int, skipped: Counter[str] | None = None) -> Sc
         try:
             return drop(make_plan(random), random, seed, index)
         except SceneError as error:
-            reasons[str(error).split(":")[0]] += 1
-        finally:
+            reason = str(error).split(":")[0]
+            reasons[reason] += 1
             if skipped is not None:
-                skipped.update(reasons)
+                skipped[reason] += 1
     raise SceneError(f"scene {index} of seed {seed} failed {_TRIES} times: {dict(reasons)}")
 
 
