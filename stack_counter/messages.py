@@ -67,7 +67,9 @@ def color_to_array(message: Any) -> np.ndarray:
             return image
         return cv2.cvtColor(image, _TO_RGB[message.encoding])
     data = np.frombuffer(message.data, np.uint8)
-    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    # The calibration is that of the pixels as stored: an EXIF orientation does not count.
+    how = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    decoded = cv2.imdecode(data, how) if len(data) else None
     if decoded is None:
         raise ViewError("bad_image", f"{len(data)} bytes of '{message.format}' do not decode; "
                                      "expected a JPEG or PNG image")
