@@ -9,20 +9,21 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 
 from stack_counter import geometry, messages
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import ViewError
+from stack_counter.matching import QUEUE, Calibrations, ImageStream, ViewGate
 from stack_counter.transforms import TransformBuffer
-from stack_counter.types import Intrinsics, View, ViewTally
+from stack_counter.types import View, ViewTally
 
 _LOG = logging.getLogger(__name__)
-_QUEUE = 30  # images of a kind that wait for their partners
+_SELDOM = 4  # images waiting, as many as replay has in flight: not each brings a calibration
 _POSE_FRAME = "pose topic"  # name, in the buffer, of the frame whose pose a topic gives
 
 
@@ -39,22 +40,24 @@ class _Waiting:
 class ViewAssembler:
     """Matches images by stamp, finds their poses, and skips what is not worth a view."""
 
-    def __init__(self, config: CollectorConfig):
+    def __init__(self, config: CollectorConfig, live: bool = True):
+        """`live`: messages that stay away are given up after `tf_timeout_s` of wall time. Replay
+        without ROS has nothing to wait for; there, nothing may depend on the clock."""
         self._config = config
+        self._live = live
         self._tolerance_ns = round(config.sync_tolerance_s * 1e9)
         self._transforms = TransformBuffer(config.tf_max_gap_s)
-        self._infos: dict[int, Intrinsics] = {}  # by stamp, oldest first
+        self._calibrations = Calibrations(self._tolerance_ns)
         self.start()
 
     def start(self) -> None:
         """A new scan: forgets images and tally, keeps transforms and calibration."""
         self._waiting: deque[_Waiting] = deque()
-        # A message that does not decode keeps its error until its view is decided.
-        self._depths: dict[int, np.ndarray | ViewError] = {}
-        self._labels: dict[int, np.ndarray | ViewError] = {}
+        self._depths = ImageStream("depth", self._tolerance_ns)
+        self._labels = ImageStream("labels", self._tolerance_ns)
+        self._gate = ViewGate(self._config)
         self._skipped: Counter[str] = Counter()
         self._received = self._accepted = 0
-        self._last: View | None = None  # last view accepted
         self._newest = -1
         self._frame = ""
         self.last_error: dict[str, str] = {}
@@ -97,22 +100,18 @@ class ViewAssembler:
         """An aligned label `Image`."""
         self._keep(self._labels, message, messages.labels_to_array)
 
-    def _keep(self, images: dict[int, np.ndarray | ViewError], message: Any, decode: Any) -> None:
+    def _keep(self, stream: ImageStream, message: Any, decode: Callable[[Any], np.ndarray]
+              ) -> None:
         try:
             image: np.ndarray | ViewError = decode(message)
         except ViewError as error:
-            image = error
-        images[messages.stamp_ns(message.header.stamp)] = image
-        if len(images) > _QUEUE:
-            del images[min(images)]
+            image = error  # counted when the view that needs it is decided
+        stream.add(messages.stamp_ns(message.header.stamp), image)
 
     def add_camera_info(self, message: Any) -> None:
         """A `CameraInfo`; checked when a view needs it."""
-        stamp = messages.stamp_ns(message.header.stamp)
-        self._infos.pop(stamp, None)
-        self._infos[stamp] = messages.camera_info_to_intrinsics(message)
-        if len(self._infos) > _QUEUE:
-            del self._infos[next(iter(self._infos))]
+        self._calibrations.add(messages.stamp_ns(message.header.stamp),
+                               messages.camera_info_to_intrinsics(message))
 
     def add_transform(self, message: Any, static: bool) -> None:
         """A `TransformStamped` of /tf or /tf_static; a damaged one is dropped and logged."""
@@ -146,48 +145,44 @@ class ViewAssembler:
         views = []
         while self._waiting:
             head = self._waiting[0]
-            patient = not everything and len(self._waiting) <= _QUEUE \
-                and time.monotonic() - head.since < self._config.tf_timeout_s
+            late = self._live and time.monotonic() - head.since >= self._config.tf_timeout_s
+            patient = not (everything or late or len(self._waiting) > QUEUE)
             if patient and not self._complete(head):
                 break
-            self._waiting.popleft()
             try:
-                view = self._view(head)
+                views.append(self._view(head))
+                self._accepted += 1
             except ViewError as error:
                 self._skip(error)
-                continue
-            self._accepted += 1
-            self._last = view
-            views.append(view)
+            self._waiting.popleft()
+            for stream in (self._calibrations, self._depths, self._labels):
+                stream.passed(head.stamp_ns)
         return views
 
     def _complete(self, head: _Waiting) -> bool:
         """Whether nothing that may still come can change this view."""
-        def settled(images: dict[int, Any]) -> bool:
-            return self._match(images, head.stamp_ns) is not None \
-                or (bool(images) and max(images) > head.stamp_ns + self._tolerance_ns)
-
-        return (bool(self._infos)
-                and (not self._config.depth_topic or settled(self._depths))
-                and (not self._config.labels_topic or settled(self._labels))
+        # With newer images there, a calibration sent with this very one would have come.
+        calibrated = self._calibrations.settled(head.stamp_ns) or (
+            bool(self._calibrations) and len(self._waiting) >= _SELDOM)
+        return (calibrated
+                and (not self._config.depth_topic or self._depths.settled(head.stamp_ns))
+                and (not self._config.labels_topic or self._labels.settled(head.stamp_ns))
                 and self._transforms.ready(self._config.world_frame, self._source(head),
                                            head.stamp_ns))
 
     def _source(self, head: _Waiting) -> str:
         return _POSE_FRAME if self._config.pose_source == "topic" else head.frame.lstrip("/")
 
-    def _match(self, images: dict[int, Any], stamp: int) -> int | None:
-        """Stamp of the image closest to `stamp`, if within the tolerance."""
-        nearest = min(images, key=lambda other: abs(other - stamp), default=None)
-        return nearest if nearest is not None and abs(nearest - stamp) <= self._tolerance_ns \
-            else None
-
     def _view(self, head: _Waiting) -> View:
-        """The view, or why it is skipped."""
-        if not self._infos:
+        """The view of a colour image.
+
+        Raises:
+            ViewError: why it is skipped.
+        """
+        intrinsics = self._calibrations.at(head.stamp_ns)
+        if intrinsics is None:
             raise ViewError("no_camera_info", f"no message on {self._config.camera_info_topic}; "
                                               "expected a calibration")
-        intrinsics = self._infos.get(head.stamp_ns) or next(reversed(self._infos.values()))
         geometry.check_intrinsics(intrinsics)
         size = (intrinsics.height, intrinsics.width)
         if head.color.shape[:2] != size:
@@ -196,51 +191,14 @@ class ViewAssembler:
                                              " as in camera_info")
         depth = labels = None
         if self._config.depth_topic:
-            depth = self._partner(self._depths, head, "bad_depth", "depth")
+            depth = self._depths.partner(head.color, head.stamp_ns, "bad_depth")
         if self._config.labels_topic:
-            labels = self._partner(self._labels, head, "bad_labels", "labels")
+            labels = self._labels.partner(head.color, head.stamp_ns, "bad_labels")
         T, fixed = self._transforms.lookup(self._config.world_frame, self._source(head),
                                            head.stamp_ns)
         view = View(head.stamp_ns, intrinsics, T, head.color, depth, labels, head.frame, fixed)
-        self._check_worth(view)
+        self._gate.check(view)
         return view
-
-    def _partner(self, images: dict[int, np.ndarray | ViewError], head: _Waiting, reason: str,
-                 name: str) -> np.ndarray:
-        stamp = self._match(images, head.stamp_ns)
-        if stamp is None:
-            raise ViewError("unsynchronised", f"no {name} within {self._config.sync_tolerance_s} s"
-                                              f" of stamp {head.stamp_ns} ns; expected one")
-        image = images[stamp]
-        if isinstance(image, ViewError):
-            raise image
-        if image.shape != head.color.shape[:2]:
-            raise ViewError(reason, f"{name} of {image.shape[1]}x{image.shape[0]}; expected "
-                                    f"{head.color.shape[1]}x{head.color.shape[0]} as the colour")
-        return image
-
-    def _check_worth(self, view: View) -> None:
-        """Blurred images and images that show nothing new are no views."""
-        c = self._config
-        grey = cv2.cvtColor(view.color, cv2.COLOR_RGB2GRAY)
-        sharpness = float(cv2.Laplacian(grey, cv2.CV_32F).var())
-        if sharpness < c.min_sharpness:
-            raise ViewError("blurred", f"variance of the Laplacian {sharpness:.2f}; expected at "
-                                       f"least {c.min_sharpness}")
-        last = self._last
-        if last is None:
-            return
-        if view.fixed:
-            change = float(cv2.absdiff(view.color, last.color).mean())
-            if change < c.min_change:
-                raise ViewError("duplicate", f"mean grey-level change {change:.2f} of a fixed "
-                                             f"camera; expected at least {c.min_change}")
-            return
-        metres, radians = geometry.pose_change(last.T_world_camera, view.T_world_camera)
-        if metres < c.min_motion_m and radians < c.min_motion_rad:
-            raise ViewError("duplicate", f"moved {metres:.4f} m and {radians:.4f} rad since the "
-                                         f"last view; expected {c.min_motion_m} or "
-                                         f"{c.min_motion_rad}")
 
     def _skip(self, error: ViewError) -> None:
         self._skipped[error.reason] += 1

@@ -111,10 +111,22 @@ def labels_to_array(message: Any) -> np.ndarray:
 
 
 def camera_info_to_intrinsics(message: Any) -> Intrinsics:
-    """Calibration of a `CameraInfo`, unchecked; field names of both ROS spellings (k, K)."""
+    """Calibration of the images that come with a `CameraInfo`, unchecked.
+
+    K is that of the full sensor; a region of interest (`roi`) and binning are applied to it as
+    image_geometry does. Field names in both ROS spellings (k, K).
+    """
     k = [float(x) for x in (message.k if hasattr(message, "k") else message.K)]
     d = message.d if hasattr(message, "d") else message.D
-    return Intrinsics(int(message.width), int(message.height), k[0], k[4], k[2], k[5],
+    width, height = int(message.width), int(message.height)
+    left = top = 0
+    if roi := getattr(message, "roi", None):
+        left, top = int(roi.x_offset), int(roi.y_offset)
+        width, height = int(roi.width) or width, int(roi.height) or height
+    bin_x = max(int(getattr(message, "binning_x", 1)), 1)
+    bin_y = max(int(getattr(message, "binning_y", 1)), 1)
+    return Intrinsics(width // bin_x, height // bin_y, k[0] / bin_x, k[4] / bin_y,
+                      (k[2] - left) / bin_x, (k[5] - top) / bin_y,
                       str(message.distortion_model), tuple(float(x) for x in d))
 
 

@@ -24,7 +24,7 @@ def describe(path: Path, config: CollectorConfig) -> str:
         fitted = fit_config(config, reader.topics)
     except BagError as error:
         return "\n".join([*lines, "problems", f"  {error}"])
-    assembler = ViewAssembler(fitted)
+    assembler = ViewAssembler(fitted, live=False)
     views = list(read_views(reader, fitted, assembler))
     tally = assembler.tally
     lines.append(f"views    {tally.used} usable of {tally.received}"

@@ -60,7 +60,7 @@ def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
     confidence, counts = config.counter.confidence, []
     reader = BagReader(path)
     collector = fit_config(config.collector, reader.topics)
-    assembler = ViewAssembler(collector)
+    assembler = ViewAssembler(collector, live=False)
     first_ns: int | None = None
     for view in read_views(reader, collector, assembler):
         first_ns = view.stamp_ns if first_ns is None else first_ns
