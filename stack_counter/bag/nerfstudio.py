@@ -40,7 +40,7 @@ def import_scene(scene: Path, out: Path) -> str:
     try:
         document = json.loads((scene / "transforms.json").read_text())
         frames = sorted(document["frames"], key=lambda frame: frame["file_path"])
-    except FileNotFoundError as error:
+    except (FileNotFoundError, NotADirectoryError) as error:
         raise BagError(f"no transforms.json in {scene}; expected a nerfstudio scene") from error
     except (ValueError, KeyError, TypeError) as error:
         raise BagError(f"{scene / 'transforms.json'} is malformed at {error}; expected "

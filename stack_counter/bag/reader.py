@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import heapq
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import yaml
 from mcap_ros2.decoder import DecoderFactory
 
 from stack_counter.assembler import ViewAssembler
-from stack_counter.bag.mcap_file import McapFile
+from stack_counter.bag.mcap_file import McapFile, RawMessage
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
 from stack_counter.types import View
@@ -33,50 +36,91 @@ class BagReader:
     """All files of a bag as one.
 
     Attributes:
-        topics: type name and number of messages by topic.
-        truncated: whether a file ends early.
+        topics: type name and number of messages by topic, of topics that have messages.
     """
 
     def __init__(self, path: Path):
-        """Looks through the bag once.
+        """Finds the files and what is in them.
 
         Raises:
             FileNotFoundError: no such path.
             BagError: not an mcap file, or a folder without one.
         """
-        if not path.exists():
-            raise FileNotFoundError(f"no bag {path}; expected a rosbag2 folder or .mcap file")
-        paths = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
-        if not paths:
-            raise BagError(f"no .mcap file in {path}; it holds "
-                           f"{sorted(p.name for p in path.iterdir())[:8]}")
-        self._files = [McapFile(p) for p in paths]
-        self._factory = DecoderFactory()
+        self._files = [McapFile(p) for p in _paths(path)]
+        self._factories = [DecoderFactory() for _ in self._files]  # numbers hold within a file
         types: dict[str, str] = {}
         counts: Counter[str] = Counter()
         for file in self._files:
-            for schema, channel, _ in file.messages():
-                types[channel.topic] = schema.name
-                counts[channel.topic] += 1
+            for channel_id, count in file.counts.items():
+                channel = file.channels.get(channel_id)
+                schema = file.schemas.get(channel.schema_id) if channel else None
+                if channel and schema and count:
+                    types[channel.topic] = schema.name
+                    counts[channel.topic] += count
         self.topics = {topic: (types[topic], counts[topic]) for topic in sorted(types)}
 
     @property
     def truncated(self) -> bool:
-        """A file ends before its end."""
+        """A file ends early or is damaged."""
         return any(file.truncated for file in self._files)
 
     def records(self, topics: set[str]) -> Iterator[Record]:
-        """The messages of these topics in log-time order."""
-        for file in self._files:
-            for schema, channel, message in file.messages():
-                if channel.topic not in topics:
-                    continue
-                decoder = self._factory.decoder_for(channel.message_encoding, schema)
-                if decoder is None:
-                    raise BagError(f"{channel.topic} is encoded as '{channel.message_encoding}'; "
-                                   "expected cdr")
-                yield Record(channel.topic, message.log_time, message.data,
-                             lambda decoder=decoder, data=message.data: decoder(data))
+        """The messages of these topics in log-time order; of equal times, in file order."""
+        blocks = sorted((block.start_ns, number, block.offset, block)
+                        for number, file in enumerate(self._files) for block in file.blocks)
+        heap: list[tuple[int, int, int, int, RawMessage]] = []
+        upcoming = 0
+        while heap or upcoming < len(blocks):
+            while upcoming < len(blocks) and (not heap or blocks[upcoming][0] <= heap[0][0]):
+                _, number, offset, block = blocks[upcoming]
+                upcoming += 1
+                file = self._files[number]
+                for place, message in enumerate(file.load(block)):
+                    channel = file.channels.get(message.channel_id)
+                    if channel and channel.topic in topics:
+                        heapq.heappush(heap, (message.log_time_ns, number, offset, place, message))
+            if heap:
+                _, number, _, _, message = heapq.heappop(heap)
+                yield self._record(number, message)
+
+    def _record(self, number: int, message: RawMessage) -> Record:
+        file = self._files[number]
+        channel = file.channels[message.channel_id]
+        schema = file.schemas.get(channel.schema_id)
+        decoder = self._factories[number].decoder_for(channel.message_encoding, schema)
+        if decoder is None:
+            raise BagError(f"{channel.topic} is encoded as '{channel.message_encoding}', its type "
+                           f"as '{schema.encoding if schema else ''}'; expected cdr, ros2msg")
+        return Record(channel.topic, message.log_time_ns, message.data,
+                      partial(decoder, message.data))
+
+
+def _paths(path: Path) -> list[Path]:
+    """The .mcap files of a bag."""
+    if not path.exists():
+        raise FileNotFoundError(f"no bag {path}; expected a rosbag2 folder or .mcap file")
+    if path.is_file():
+        return [path]
+    paths = sorted(path.glob("*.mcap"))  # a recorder that was killed leaves no metadata.yaml
+    if not paths:
+        raise BagError(f"no .mcap file in {path}; it holds "
+                       f"{sorted(p.name for p in path.iterdir())[:8]}")
+    try:
+        metadata = yaml.safe_load((path / "metadata.yaml").read_text())
+        told = metadata["rosbag2_bagfile_information"]
+        names, compression = told["relative_file_paths"], told.get("compression_mode")
+    except FileNotFoundError:
+        return paths
+    except (yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, AttributeError) as error:
+        raise BagError(f"{path / 'metadata.yaml'} is not a rosbag2 metadata file: "
+                       f"{str(error).splitlines()[0]}") from error
+    if str(compression or "none").lower() not in ("none", "storage"):
+        raise BagError(f"{path} is compressed by '{compression}'; expected none, or chunks "
+                       "compressed within the .mcap file")
+    missing = [name for name in names if not (path / name).is_file()]
+    if missing:
+        raise BagError(f"{path} lacks {', '.join(missing)}, named in its metadata.yaml")
+    return paths
 
 
 def fit_config(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> CollectorConfig:

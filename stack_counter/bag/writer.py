@@ -7,6 +7,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -20,20 +28,27 @@ _QUALITY = 90  # JPEG
 _TF_STEP_NS = 20_000_000
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 _T = _STORE.types
+_FOREVER = QosTime(9223372036, 854775807)
+_LATCHED = Qos(QosHistory.KEEP_LAST, 100, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL,
+               _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
 
 Transform = tuple[int, str, str, np.ndarray]  # stamp in ns, parent, child, T_parent_child
+_Message = tuple[int, str, str, object]  # log time in ns, topic, type, message
 
 
 def write_bag(path: Path, views: Iterable[View], transforms: Sequence[Transform] | None = None,
-              world_frame: str = "base_link", jpegs: Sequence[bytes] | None = None) -> int:
+              world_frame: str = "base_link", jpegs: Sequence[bytes] | None = None,
+              static: Sequence[Transform] = (), compressed: bool = True) -> int:
     """Writes one camera's views.
 
     Args:
         path: a new folder.
-        views: colour is written as JPEG, depth as 16UC1 millimetres, labels as mono8.
+        views: depth is written as 16UC1 millimetres, labels as mono8.
         transforms: samples of /tf; None writes each view's pose at its stamp and 20 ms around it.
         world_frame: parent of those poses.
         jpegs: colour images as they are, instead of encoding the views'.
+        static: transforms of /tf_static.
+        compressed: colour as JPEG rather than raw.
 
     Returns:
         The number of views.
@@ -43,23 +58,35 @@ def write_bag(path: Path, views: Iterable[View], transforms: Sequence[Transform]
     """
     if path.exists():
         raise BagError(f"{path} exists; expected a new path")
-    messages: list[tuple[int, str, str, object]] = []
+    messages: list[_Message] = [_tf(*transform, topic="/tf_static") for transform in static]
     count = 0
     for count, view in enumerate(views, 1):
-        messages += _view_messages(view, jpegs[count - 1] if jpegs else None)
+        header = _header(view.stamp_ns, view.camera)
+        messages += _images(view, header)
+        if jpegs or (compressed and view.color is not None):
+            messages.append(_jpeg(view, header, jpegs[count - 1] if jpegs else None))
+        elif view.color is not None:
+            messages.append((view.stamp_ns, COLOR, "sensor_msgs/msg/Image",
+                             _image(view.color, "rgb8", header)))
         if transforms is None:
             messages += [_tf(stamp, world_frame, view.camera, view.T_world_camera) for stamp in
                          (view.stamp_ns - _TF_STEP_NS, view.stamp_ns, view.stamp_ns + _TF_STEP_NS)]
     messages += [_tf(*transform) for transform in transforms or ()]
+    _write(path, sorted(messages, key=lambda message: message[0]))
+    return count
+
+
+def _write(path: Path, messages: list[_Message]) -> None:
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     with writer:
         connections = {}
-        for stamp, topic, kind, message in sorted(messages, key=lambda m: m[0]):
+        for stamp, topic, kind, message in messages:
             if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=_STORE)
+                connections[topic] = writer.add_connection(
+                    topic, kind, typestore=_STORE,
+                    offered_qos_profiles=[_LATCHED] if topic == "/tf_static" else [])
             writer.write(connections[topic], stamp, _STORE.serialize_cdr(message, kind))
-    return count
 
 
 def _header(stamp_ns: int, frame: str) -> object:
@@ -67,25 +94,29 @@ def _header(stamp_ns: int, frame: str) -> object:
     return _T["std_msgs/msg/Header"](stamp=time, frame_id=frame)
 
 
-def _view_messages(view: View, jpeg: bytes | None) -> list[tuple[int, str, str, object]]:
-    stamp, header = view.stamp_ns, _header(view.stamp_ns, view.camera)
-    out: list[tuple[int, str, str, object]] = [
-        (stamp, INFO, "sensor_msgs/msg/CameraInfo", _camera_info(view.intrinsics, header))]
-    if jpeg is None and view.color is not None:
-        done, data = cv2.imencode(".jpg", view.color[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY,
-                                                                  _QUALITY])
-        jpeg = data.tobytes() if done else None
-    if jpeg is not None:
-        kind = "sensor_msgs/msg/CompressedImage"
-        out.append((stamp, f"{COLOR}/compressed", kind, _T[kind](
-            header=header, format="rgb8; jpeg compressed bgr8",
-            data=np.frombuffer(jpeg, np.uint8))))
+def _images(view: View, header: object) -> list[_Message]:
+    """Calibration, depth and labels of a view."""
+    out: list[_Message] = [(view.stamp_ns, INFO, "sensor_msgs/msg/CameraInfo",
+                            _camera_info(view.intrinsics, header))]
     if view.depth is not None:
         millimetres = np.clip(np.round(view.depth * 1000), 0, 65535).astype(np.uint16)
-        out.append((stamp, DEPTH, "sensor_msgs/msg/Image", _image(millimetres, "16UC1", header)))
+        out.append((view.stamp_ns, DEPTH, "sensor_msgs/msg/Image",
+                    _image(millimetres, "16UC1", header)))
     if view.labels is not None:
-        out.append((stamp, LABELS, "sensor_msgs/msg/Image", _image(view.labels, "mono8", header)))
+        out.append((view.stamp_ns, LABELS, "sensor_msgs/msg/Image",
+                    _image(view.labels, "mono8", header)))
     return out
+
+
+def _jpeg(view: View, header: object, data: bytes | None) -> _Message:
+    if data is None:
+        assert view.color is not None  # for the type checker
+        options = [cv2.IMWRITE_JPEG_QUALITY, _QUALITY]
+        data = cv2.imencode(".jpg", view.color[..., ::-1], options)[1].tobytes()
+    kind = "sensor_msgs/msg/CompressedImage"
+    return (view.stamp_ns, f"{COLOR}/compressed", kind,
+            _T[kind](header=header, format="rgb8; jpeg compressed bgr8",
+                     data=np.frombuffer(data, np.uint8)))
 
 
 def _image(pixels: np.ndarray, encoding: str, header: object) -> object:
@@ -106,11 +137,11 @@ def _camera_info(k: Intrinsics, header: object) -> object:
         p=P.ravel(), binning_x=0, binning_y=0, roi=roi)
 
 
-def _tf(stamp_ns: int, parent: str, child: str, T: np.ndarray) -> tuple[int, str, str, object]:
+def _tf(stamp_ns: int, parent: str, child: str, T: np.ndarray, topic: str = "/tf") -> _Message:
     x, y, z, w = (float(q) for q in geometry.quaternion_from_pose(T))
     transform = _T["geometry_msgs/msg/Transform"](
         translation=_T["geometry_msgs/msg/Vector3"](*(float(t) for t in T[:3, 3])),
         rotation=_T["geometry_msgs/msg/Quaternion"](x, y, z, w))
     stamped = _T["geometry_msgs/msg/TransformStamped"](
         header=_header(stamp_ns, parent), child_frame_id=child, transform=transform)
-    return stamp_ns, "/tf", "tf2_msgs/msg/TFMessage", _T["tf2_msgs/msg/TFMessage"]([stamped])
+    return stamp_ns, topic, "tf2_msgs/msg/TFMessage", _T["tf2_msgs/msg/TFMessage"]([stamped])

@@ -69,6 +69,8 @@ def test_missing_pictures_are_skipped_and_faults_named(tmp_path):
         import_scene(scene, tmp_path / "out")
     with pytest.raises(BagError, match="camera_model"):
         import_scene(make_scene(tmp_path / "b", camera_model="BLURRY"), tmp_path / "out_b")
+    with pytest.raises(BagError, match="no transforms.json"):
+        import_scene(scene / "transforms.json", tmp_path / "out_c")
     (scene / "transforms.json").write_text("{]")
     with pytest.raises(BagError, match="malformed"):
         import_scene(scene, tmp_path / "out_c")
