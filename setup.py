@@ -14,6 +14,7 @@ VERSION = "0.1.0"
 
 REQUIRES = [
     "mcap>=1.6",  # (no key of its own: comes with mcap-ros2-support)
+    "lz4>=4.4",  # (no key: comes with mcap)
     "mcap-ros2-support>=0.6",
     "numpy>=1.26.4",
     "open3d>=0.20",
