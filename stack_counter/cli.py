@@ -99,12 +99,38 @@ def _add_replay(commands: argparse._SubParsersAction) -> None:
 
 
 def _add_simulate(commands: argparse._SubParsersAction) -> None:
-    simulate = commands.add_parser("simulate", help="simulate piles of parts")
-    simulate.add_argument("--scenes", type=int, required=True, metavar="N")
-    simulate.add_argument("--workers", type=int, default=1, metavar="W")
+    simulate = commands.add_parser(
+        "simulate", help="simulate piles of parts, or record simulated ones",
+        description="Makes N scenes that are at rest in shards below DIR; `simulate bag` and "
+                    "`simulate report` read them.")
+    simulate.add_argument("--scenes", type=_positive, metavar="N")
+    simulate.add_argument("--workers", type=_positive, default=1, metavar="W")
     simulate.add_argument("--seed", type=int, default=0, metavar="S")
-    simulate.add_argument("--out", type=Path, required=True, metavar="DIR")
+    simulate.add_argument("--out", type=Path, metavar="DIR")
+    simulate.add_argument("--plan", default="mixed", choices=("mixed", "box"),
+                          help="containers and fills: all kinds, or the paper's box")
+    simulate.add_argument("--library", type=Path, metavar="FILE",
+                          help="parts to take, an .npz of shapes, not the training families")
     simulate.set_defaults(run=_simulate)
+    more = simulate.add_subparsers(metavar="bag | report")
+    bag = more.add_parser("bag", help="record one scene as a robot cell would")
+    bag.add_argument("scene", metavar="SCENE", help="DIR:INDEX, e.g. data/unseen:12")
+    bag.add_argument("bag", type=Path, metavar="OUT", help="bag to write (a new folder)")
+    bag.add_argument("--views", type=_positive, default=12, help="of the arc (default 12)")
+    bag.add_argument("--picks", type=_positive, metavar="K",
+                     help="a fixed camera sees K parts taken away, one after the other")
+    bag.add_argument("--noise-seed", type=int, default=0, metavar="S",
+                     help="of poses, noise and materials")
+    bag.set_defaults(run=_simulate_bag)
+    report = more.add_parser("report", help="one page with the statistics of a folder's scenes")
+    report.add_argument("folder", type=Path, metavar="DIR")
+    report.set_defaults(run=_simulate_report)
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a whole number above 0")
+    return int(text)
 
 
 def _settings(options: argparse.Namespace) -> Config:
@@ -178,9 +204,33 @@ def _info(options: argparse.Namespace) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    if options.scenes is None or options.out is None:
+        raise ConfigError("simulate needs --scenes N and --out DIR")
     from stack_counter.sim.dataset import simulate
 
-    simulate(options.out, options.scenes, options.workers, options.seed)
+    simulate(options.out, options.scenes, options.workers, options.seed, options.plan,
+             options.library)
+    return 0
+
+
+def _simulate_bag(options: argparse.Namespace) -> int:
+    from stack_counter.sim.bags import write_picks_bag, write_scene_bag
+    from stack_counter.sim.shards import find_scene
+
+    scene = find_scene(options.scene)
+    if options.picks:
+        write_picks_bag(scene, options.bag, options.picks, options.noise_seed)
+    else:
+        write_scene_bag(scene, options.bag, options.views, options.noise_seed)
+    print(f"{options.bag}: {len(scene.poses)} parts of {scene.shape.unit_volume * 1e6:.6g} cm3 "
+          f"({scene.shape.family}), container {scene.container.kind}")
+    return 0
+
+
+def _simulate_report(options: argparse.Namespace) -> int:
+    from stack_counter.sim.report import write_report
+
+    print(write_report(options.folder))
     return 0
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from stack_counter import geometry
@@ -29,30 +31,41 @@ def record(scene: Scene, views: int = 12, seed: int = 0, color: bool = True,
     """
     random = np.random.default_rng([seed, scene.index, 0xA7])
     renderer, sensor = Renderer(scene), camera or DepthCamera()
-    out = []
-    for i, T in enumerate(arc(scene, views, random)):
-        depth, _ = renderer.depth_and_labels(CAMERA, T)
-        out.append(View(
-            stamp_ns=(i + 1) * _STEP_NS, intrinsics=CAMERA,
-            T_world_camera=noisy_pose(T, random), camera=FRAME,
-            depth=sensor.measure(depth, CAMERA, random),
-            color=renderer.color(CAMERA, T, seed) if color else None))
-    return out
+    return [_view(renderer, T, noisy_pose(T, random), (i + 1) * _STEP_NS, sensor, random,
+                  seed if color else None) for i, T in enumerate(arc(scene, views, random))]
+
+
+def watch(states: list[Scene], seed: int = 0, color: bool = True) -> list[View]:
+    """Views of one fixed camera above, one of each state of a scene; its pose is calibrated once.
+
+    Args:
+        states: of the same scene, e.g. with fewer and fewer parts.
+        seed, color: as for `record`.
+    """
+    random = np.random.default_rng([seed, states[0].index, 0xF1])
+    T, sensor = arc(states[0], 1, random)[0], DepthCamera()
+    reported = noisy_pose(T, random)
+    return [replace(_view(Renderer(state), T, reported, (i + 1) * _STEP_NS, sensor, random,
+                          seed if color else None), fixed=True) for i, state in enumerate(states)]
+
+
+def _view(renderer: Renderer, T: np.ndarray, reported: np.ndarray, stamp_ns: int,
+          sensor: DepthCamera, random: np.random.Generator, materials: int | None) -> View:
+    depth, _ = renderer.depth_and_labels(CAMERA, T)
+    return View(
+        stamp_ns=stamp_ns, intrinsics=CAMERA, T_world_camera=reported, camera=FRAME,
+        depth=sensor.measure(depth, CAMERA, random),
+        color=None if materials is None else renderer.color(CAMERA, T, materials))
 
 
 def arc(scene: Scene, views: int, random: np.random.Generator) -> list[np.ndarray]:
     """True camera poses: once around the bin, tilted 10 to 45 degrees from the vertical."""
     points = scene.parts_mesh().vertices.astype(float)
+    box = scene.container.mesh()
+    points = points if box is None else np.concatenate([points, box.vertices])
     low, high = points.min(axis=0), points.max(axis=0)
-    box = scene.container
-    if box.kind == "box":
-        half = np.array(box.inner_size_m[:2]) / 2 + box.wall_thickness_m
-        radius = float(np.linalg.norm(half))
-        top = box.floor_thickness_m + box.inner_size_m[2]
-        target = np.array([*box.T_world_container[:2, 3], top / 2])
-    else:
-        radius = float(np.linalg.norm(high[:2] - low[:2])) / 2
-        target = np.array([*(low[:2] + high[:2]) / 2, high[2] / 2])
+    radius = float(np.linalg.norm(high[:2] - low[:2])) / 2
+    target = np.array([*(low[:2] + high[:2]) / 2, high[2] / 2])
     distance = max(_NEAREST, _MARGIN * radius * CAMERA.fy / (CAMERA.height / 2))
     begin = random.uniform(0, 2 * np.pi)
     poses = []

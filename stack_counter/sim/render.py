@@ -5,14 +5,12 @@ Rays are built from K and T here: pixel centres lie on whole numbers, z is optic
 
 from __future__ import annotations
 
-import manifold3d
 import numpy as np
 import open3d as o3d
 import open3d.core as o3c
 
-from stack_counter import geometry
 from stack_counter.sim.scene import Scene
-from stack_counter.types import BACKGROUND, CONTAINER, PARTS, Container, Intrinsics, Mesh
+from stack_counter.types import BACKGROUND, CONTAINER, PARTS, Intrinsics, Mesh
 
 _PLANE = 2.0  # half side of the support plane, m
 _OCCLUSION_RAYS, _SHADOW_RAYS = 8, 4
@@ -27,7 +25,7 @@ class Renderer:
     def __init__(self, scene: Scene):
         self._scene = scene
         self._faces = len(scene.shape.faces)
-        parts, box = scene.parts_mesh(), container_mesh(scene.container)
+        parts, box = scene.parts_mesh(), scene.container.mesh()
         self._rays = o3d.t.geometry.RaycastingScene()
         self._labels = np.full(4, BACKGROUND, np.uint8)  # by geometry id
         self._add(_plane(), BACKGROUND)
@@ -136,21 +134,6 @@ def camera_rays(k: Intrinsics, T_world_camera: np.ndarray) -> np.ndarray:
     directions = local @ T_world_camera[:3, :3].T
     origins = np.broadcast_to(T_world_camera[:3, 3], directions.shape)
     return np.concatenate([origins, directions], axis=-1)
-
-
-def container_mesh(c: Container) -> Mesh | None:
-    """An open box in the world; None without a container."""
-    if c.kind != "box":
-        return None
-    width, length, depth = c.inner_size_m
-    rim = c.floor_thickness_m + depth
-    wall = 2 * c.wall_thickness_m
-    outer = manifold3d.Manifold.cube([width + wall, length + wall, rim], True)
-    inner = manifold3d.Manifold.cube([width, length, 2 * depth], True)
-    solid = outer.translate([0, 0, rim / 2]) - inner.translate([0, 0, rim])
-    raw = solid.to_mesh()
-    vertices = geometry.apply(c.T_world_container, raw.vert_properties[:, :3].astype(float))
-    return Mesh(vertices.astype(np.float32), raw.tri_verts.astype(np.int32))
 
 
 def _plane() -> Mesh:

@@ -1,0 +1,118 @@
+"""Joins the three origins of the unseen test set into `data/unseen/shapes.npz`.
+
+    python scripts/join_unseen_shapes.py FOLDER
+
+FOLDER holds what catalogue_shapes.py and package_shapes.py wrote: SOURCE/FAMILY/VARIANT.stl. The
+hand-written solids come from stack_counter.sim.unseen. Bodies that touch are fused, dents and
+bumps below a few thousandths of the part size go, and what is then no single watertight body is
+refused: one line each.
+"""
+
+from __future__ import annotations
+
+import sys
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from manifold3d import Error, Manifold, Mesh, OpType
+
+from stack_counter.sim.shapes import FAMILIES, Shape, ShapeError, shape_from_mesh
+from stack_counter.sim.unseen import GENERATORS, solid
+
+_OUT = Path(__file__).parent.parent / "data/unseen/shapes.npz"
+_CATALOGUE = "bd_warehouse"  # the source whose files have a real size, millimetres
+_SIZES_M = (0.015, 0.045)
+_FACES = 3000  # at most
+_COARSER = (0.001, 0.002, 0.004, 0.008, 0.016)  # of the part size: what simplification may move
+
+
+def fused(path: Path) -> Manifold:
+    """The bodies of a file as one solid.
+
+    Raises:
+        ShapeError: a body is not closed, or there is none.
+    """
+    mesh = trimesh.load(path, force="mesh", process=False)
+    mesh.merge_vertices()
+    mesh.update_faces(mesh.nondegenerate_faces())
+    bodies = []
+    for body in mesh.split(only_watertight=False):
+        if body.volume < 0:
+            body.invert()
+        bodies.append(Manifold(Mesh(body.vertices.astype(np.float32),
+                                    body.faces.astype(np.uint32))))
+        if bodies[-1].status() != Error.NoError:
+            raise ShapeError(f"a body of {len(body.faces)} faces is {bodies[-1].status()}; "
+                             "expected a closed one")
+    whole = Manifold.batch_boolean(bodies, OpType.Add)
+    if whole.is_empty():
+        raise ShapeError("encloses no volume; expected a solid")
+    return whole
+
+
+def simplified(raw: Manifold) -> Manifold:
+    """The solid with at most 3,000 triangles if simplification gets there."""
+    low, high = np.split(np.array(raw.bounding_box()), 2)
+    for share in _COARSER:
+        coarse = raw.simplify(share * float((high - low).max()))
+        if coarse.num_tri() <= _FACES:
+            break
+    return coarse
+
+
+def candidates(folder: Path) -> Iterator[tuple[str, str, str, Path | None]]:
+    """Source, family, variant and file of each; the hand-written ones have no file."""
+    for path in sorted(folder.glob("*/*/*.stl")):
+        yield *path.relative_to(folder).with_suffix("").parts, path
+    for family, (_, variants) in GENERATORS.items():
+        for variant in range(variants):
+            yield "hand_written", family, str(variant), None
+
+
+def checked(source: str, family: str, variant: str, path: Path | None) -> Shape:
+    """The candidate as a shape of 15 to 45 mm.
+
+    Raises:
+        ShapeError: it is no single watertight body, too heavy, or of a training family.
+    """
+    if family in FAMILIES:
+        raise ShapeError("is a training family; expected another")
+    coarse = simplified(fused(path) if path else solid(family, int(variant)))
+    if coarse.num_tri() > _FACES:
+        raise ShapeError(f"{coarse.num_tri()} faces; expected at most {_FACES}")
+    raw = coarse.to_mesh64()
+    vertices = raw.vert_properties[:, :3]
+    name = f"{source}/{family}/{variant}"
+    size = np.random.default_rng(zlib.crc32(name.encode())).uniform(*_SIZES_M)
+    if source == _CATALOGUE:
+        size = np.clip(np.ptp(vertices, axis=0).max() / 1000, *_SIZES_M)
+    return shape_from_mesh(vertices, raw.tri_verts, family, part_size=float(size))
+
+
+def main(folder: Path) -> None:
+    """Writes the file; says what was refused and why."""
+    kept: dict[tuple[str, str, str], Shape] = {}
+    refused = 0
+    for *key, path in candidates(folder):
+        try:
+            kept[tuple(key)] = checked(*key, path)
+        except ShapeError as error:
+            refused += 1
+            print(f"refused {'/'.join(key)}: {error}")
+    shapes = list(kept.values())
+    _OUT.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(
+        _OUT, names=np.array(["/".join(key) for key in kept]),
+        sources=np.array([key[0] for key in kept]), families=np.array([s.family for s in shapes]),
+        vertex_offsets=np.cumsum([0] + [len(s.vertices) for s in shapes], dtype=np.int64),
+        face_offsets=np.cumsum([0] + [len(s.faces) for s in shapes], dtype=np.int64),
+        vertices=np.concatenate([s.vertices for s in shapes]).astype(np.float32),
+        faces=np.concatenate([s.faces for s in shapes]).astype(np.int32))
+    print(f"{len(shapes)} shapes, {refused} refused, {_OUT.stat().st_size / 1e6:.2f} MB")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,94 @@
+"""Writes recordings of simulated scenes as a robot cell would make them, with their truth.
+
+`truth.json` in the bag's folder holds count, v, V, gamma and how the scene was made; of a
+sequence of picks also the count at every stamp.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from stack_counter import geometry
+from stack_counter.bag.writer import Transform, write_bag
+from stack_counter.errors import BagError
+from stack_counter.sim.recording import FRAME, record, watch
+from stack_counter.sim.scene import Scene
+from stack_counter.types import View
+
+_TF_STEP_NS = 20_000_000  # 50 Hz
+_REST = 2  # samples of /tf around an exposure in which the arm rests
+_LATENCY_NS = 7_000_000  # of the arm's poses against the images
+
+
+def write_scene_bag(scene: Scene, out: Path, views: int, seed: int) -> None:
+    """A moving camera looks at the scene from an arc of views.
+
+    Raises:
+        BagError: `out` exists, or too few views.
+    """
+    if not 3 <= views <= 200:
+        raise BagError(f"{views} views; expected 3 to 200")
+    taken = record(scene, views, seed)
+    write_bag(out, taken, arm_transforms(taken))
+    _write_truth(out, scene, seed, {})
+
+
+def write_picks_bag(scene: Scene, out: Path, picks: int, seed: int) -> None:
+    """A fixed camera sees one part more gone at every stamp, from the top.
+
+    Raises:
+        BagError: `out` exists, or more picks than parts.
+    """
+    if not 1 <= picks <= len(scene.poses):
+        raise BagError(f"{picks} picks from {len(scene.poses)} parts; expected 1 to that many")
+    states = list(picked(scene, picks))
+    views = watch(states, seed)
+    mount: Transform = (views[0].stamp_ns, "base_link", FRAME, views[0].T_world_camera)
+    write_bag(out, views, transforms=(), static=[mount])
+    counts = [{"stamp_ns": view.stamp_ns, "count": len(state.poses)}
+              for view, state in zip(views, states)]
+    _write_truth(out, states[-1], seed, {"counts": counts})
+
+
+def picked(scene: Scene, picks: int) -> Iterator[Scene]:
+    """The scene, and after each pick what is left of it.
+
+    The part that reaches highest is taken; nothing can lie on it. What leaned on it stays as it
+    was: the engine is not asked again.
+    """
+    vertices = scene.parts_mesh().vertices
+    order = np.argsort(vertices[:, 2].reshape(len(scene.poses), -1).max(axis=1))
+    for taken in range(picks + 1):
+        left = np.sort(order[:len(order) - taken])
+        yield replace(scene, poses=scene.poses[left], stored_truth=None)
+
+
+def arm_transforms(views: list[View], world_frame: str = "base_link") -> list[Transform]:
+    """/tf of the arm at 50 Hz: in rest around each exposure, moving in between."""
+    out: list[Transform] = []
+    still = _REST * _TF_STEP_NS
+    for before, after in zip(views, views[1:] + views[-1:]):
+        last = after.stamp_ns - still if after is not before else before.stamp_ns + still + 1
+        for stamp in range(before.stamp_ns - still, last, _TF_STEP_NS):
+            way = max(after.stamp_ns - before.stamp_ns - 2 * still, 1)
+            share = float(np.clip((stamp - before.stamp_ns - still) / way, 0, 1))
+            T = geometry.interpolate(before.T_world_camera, after.T_world_camera, share)
+            out.append((stamp + _LATENCY_NS, world_frame, FRAME, T))
+    return out
+
+
+def _write_truth(bag: Path, scene: Scene, seed: int, more: dict) -> None:
+    truth, container = scene.truth, scene.container
+    (bag / "truth.json").write_text(json.dumps({
+        "count": truth.count, "unit_volume_cm3": truth.unit_volume * 1e6,
+        "volume_m3": truth.stack_volume, "gamma": truth.gamma, "family": scene.shape.family,
+        "part_size_m": scene.shape.part_size, "container": container.kind,
+        "inner_size_m": container.inner_size_m, "wall_thickness_m": container.wall_thickness_m,
+        "floor_thickness_m": container.floor_thickness_m,
+        "scene": {"seed": scene.seed, "index": scene.index}, "seed": seed, **more},
+        indent=2) + "\n")

@@ -1,0 +1,47 @@
+"""Which part and which plan scene `index` of a run has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from stack_counter.sim.plans import Plan, box_plan, random_plan
+from stack_counter.sim.shapes import FAMILIES, Shape, make_shape
+
+SCENES_PER_SHAPE = 3  # one after the other, as in the paper: their convex pieces are made once
+PLANS: dict[str, Callable[[np.random.Generator, Shape, int], Plan]] = {
+    "mixed": random_plan, "box": box_plan}
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a run is made from.
+
+    Attributes:
+        plan: name in `PLANS`.
+        library: parts to take; none for the training families.
+        pieces: convex pieces in a scene, at most: what the engine settles within seconds.
+    """
+
+    plan: str = "mixed"
+    library: tuple[Shape, ...] = ()
+    pieces: int = 1500
+
+    def shape(self, seed: int, index: int, attempt: int) -> Shape:
+        """The part; every other failed attempt takes another.
+
+        Raises:
+            ShapeError: the generator gave no solid.
+        """
+        change = attempt // 2
+        if self.library:  # all of them in turn, in an order of the seed's
+            order = np.random.default_rng([seed, change]).permutation(len(self.library))
+            return self.library[order[index % len(order)]]
+        random = np.random.default_rng([seed, index // SCENES_PER_SHAPE, change])
+        return make_shape(int(random.integers(2**31)), str(random.choice(list(FAMILIES))))
+
+    def draw(self, random: np.random.Generator, shape: Shape, most: int) -> Plan:
+        """A plan with at most `most` parts."""
+        return PLANS[self.plan](random, shape, most)

@@ -1,0 +1,36 @@
+"""Shapes from a file, such as the unseen test set `data/unseen/shapes.npz`."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from stack_counter.sim.shapes.shape import Shape, ShapeError, shape_from_mesh
+
+
+def load_shapes(path: str | Path) -> list[Shape]:
+    """Reads and checks every shape of a file that `scripts/join_unseen_shapes.py` wrote.
+
+    Args:
+        path: npz with `families` (n,) str, `vertex_offsets`, `face_offsets` (n + 1,)
+            int64, `vertices` (v, 3) float32, metres, and `faces` (f, 3) int32.
+
+    Returns:
+        The shapes; `family` is the family's name, `seed` the position in the file.
+
+    Raises:
+        ShapeError: the file is missing or damaged, or a mesh is not one watertight body.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            families, vertices, faces = (file[k] for k in ("families", "vertices", "faces"))
+            cuts = [file[k][1:-1] for k in ("vertex_offsets", "face_offsets")]
+        parts = zip(families, np.split(vertices, cuts[0]), np.split(faces, cuts[1]), strict=True)
+        return [shape_from_mesh(v, f, str(family), i) for i, (family, v, f) in enumerate(parts)]
+    except (OSError, EOFError, KeyError, ValueError, TypeError, IndexError,
+            zipfile.BadZipFile, zlib.error) as error:
+        reason = str(error).partition("\n")[0]
+        raise ShapeError(f"{path}: {reason}; expected an npz of shapes") from error
