@@ -64,7 +64,7 @@ EXTRAS = {
         "sapien>=3.0.3; python_version >= '3.11' and python_version < '3.13'",
         "coacd>=1.0.14",
         "manifold3d>=3.5.4",
-        "matplotlib>=3.11.2",
+        "matplotlib>=3.10",
     ],
     "test": [
         "mypy>=2.4",

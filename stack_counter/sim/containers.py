@@ -55,9 +55,12 @@ class ContainerShape:
             raise ContainerError(f"container kind is '{self.kind}'; expected one of {KINDS}")
         low = min(x, y) if self.kind == "none" else min(
             *self.inner_size_m, self.wall_thickness_m, self.floor_thickness_m)
-        if not (low > 0 and np.isfinite([*self.inner_size_m, self.wall_thickness_m]).all()):
+        if not (low > 0 and np.isfinite([*self.inner_size_m, self.wall_thickness_m,
+                                         self.floor_thickness_m]).all()):
             raise ContainerError(f"{self.kind} measures {self.inner_size_m} m inside, walls "
                                  f"{self.wall_thickness_m} m; expected all above 0")
+        if not 0 <= self.draft_rad < np.pi / 4:
+            raise ContainerError(f"draft is {self.draft_rad} rad; expected 0 to pi / 4")
         if 2 * depth * np.tan(self.draft_rad) > 0.8 * min(x, y):
             raise ContainerError(f"{self.kind} of {self.inner_size_m} m with a draft of "
                                  f"{np.rad2deg(self.draft_rad):.0f} degrees closes at its floor")

@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from hashlib import sha256
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from stack_counter.sim.shapes.library import load_shapes
 from stack_counter.sim.shards import LIBRARY, SCENES, read_shard, shard_path, write_shard
 
 _LOG = logging.getLogger(__name__)
-_LIBRARY_PIECES = 5000  # convex pieces a scene in a test set, which is small: it may take longer
+RUN = "run.json"  # what the scenes of a folder are made from
 _LOST_POOLS = 5  # killed workers after which a run gives up
 
 
@@ -40,12 +41,12 @@ def simulate(out: Path, scenes: int, workers: int, seed: int, plan: str = "mixed
 
     Raises:
         ShapeError: the library is damaged.
-        SceneError: some scenes could not be made; the others are there.
+        SceneError: `out` holds scenes of another seed, plan or library, or some scenes could
+            not be made; the others are there.
     """
-    recipe = Recipe(plan)
-    if library is not None:
-        recipe = Recipe(plan, tuple(load_shapes(library)), _LIBRARY_PIECES)
+    recipe = Recipe(plan, tuple(load_shapes(library)) if library else ())
     out.mkdir(parents=True, exist_ok=True)
+    _claim(out, {"seed": seed, "plan": plan, "library": _digest(library)})
     if library is not None and library.resolve() != (out / LIBRARY).resolve():
         shutil.copyfile(library, out / LIBRARY)
     sizes = {n: min(SCENES, scenes - n * SCENES) for n in range(-(-scenes // SCENES))}
@@ -65,6 +66,18 @@ def simulate(out: Path, scenes: int, workers: int, seed: int, plan: str = "mixed
         raise SceneError(f"{len(missing)} of {len(sizes)} shards in {out} are missing: {why}")
 
 
+def _claim(out: Path, run: dict) -> None:
+    """Notes what the folder's scenes are made from; refuses to mix them with others."""
+    path = out / RUN
+    if path.exists() and (there := json.loads(path.read_text())) != run:
+        raise SceneError(f"{out} holds scenes made from {there}; expected {run}")
+    path.write_text(json.dumps(run) + "\n")
+
+
+def _digest(library: Path | None) -> str:
+    return sha256(library.read_bytes()).hexdigest()[:16] if library else ""
+
+
 def _run_pool(out: Path, sizes: dict[int, int], workers: int, seed: int, recipe: Recipe,
               failed: dict[int, str], bar: tqdm) -> set[int]:
     """Numbers of the shards made until all are, or a worker is killed; `failed` gets reasons."""
@@ -82,8 +95,8 @@ def _run_pool(out: Path, sizes: dict[int, int], workers: int, seed: int, recipe:
                 bar.update(sizes[number])
             except BrokenProcessPool:
                 continue
-            except (StackCounterError, OSError) as error:
-                _LOG.error("shard %d: %s", number, error)
+            except Exception as error:  # whatever it was, the rest of the run survives
+                _LOG.error("shard %d: %s: %s", number, type(error).__name__, error)
                 failed[number] = str(error)
     return done
 
@@ -103,7 +116,7 @@ def _is_there(path: Path, size: int) -> bool:
     if not path.exists():
         return False
     try:
-        return len(read_shard(path)) == size
-    except SceneError as error:
+        return len(read_shard(path)) >= size
+    except StackCounterError as error:
         _LOG.error("%s; it is made again", error)
         return False

@@ -8,7 +8,7 @@ import numpy as np
 
 from stack_counter.sim.collision import convex_pieces
 from stack_counter.sim.physics import Pile
-from stack_counter.sim.plans import MAX_PARTS, MIN_PARTS, Plan
+from stack_counter.sim.plans import MIN_PARTS, Plan
 from stack_counter.sim.recipes import Recipe
 from stack_counter.sim.scene import Scene, SceneError, pack, unpack
 from stack_counter.sim.shapes import ShapeError
@@ -30,8 +30,8 @@ def make_scene(seed: int, index: int, recipe: Recipe, skipped: Counter[str]) -> 
         random = np.random.default_rng([seed, index, attempt])
         try:
             shape = recipe.shape(seed, index, attempt)
-            most = min(MAX_PARTS, recipe.pieces // len(convex_pieces(shape)))
-            return drop(recipe.draw(random, shape, most), random, seed, index)
+            plan = recipe.draw(random, shape, len(convex_pieces(shape)))
+            return drop(plan, random, seed, index)
         except (SceneError, ShapeError) as error:
             skipped[str(error).split(":")[0]] += 1
     raise SceneError(f"scene {index} of seed {seed} failed {_TRIES} times: {dict(skipped)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +13,15 @@ from stack_counter.sim.containers import ROUND, ContainerShape
 from stack_counter.sim.shapes import Shape
 
 MIN_PARTS, MAX_PARTS = 12, 1000
-_SHARES = {"bin": 0.42, "cylinder": 0.1, "bowl": 0.08, "cup": 0.07, "tray": 0.1, "bag": 0.06,
-           "none": 0.17}
+# Kinds of containers and their shares in the two halves of the training distribution.
+_SHALLOW = {"bin": 0.42, "cylinder": 0.1, "bowl": 0.08, "cup": 0.07, "tray": 0.1, "bag": 0.06,
+            "none": 0.17}
+_DEEP = {"bin": 0.48, "cylinder": 0.14, "bowl": 0.09, "cup": 0.09, "bag": 0.08, "none": 0.12}
+_DEEP_SHARE = 2 / 3  # of deep scenes in a mixed set
 _WIDTH = (4.0, 20.0)  # smaller inner side, in part sizes
 _CAPACITY = (60.0, 1000.0)  # parts that the full container holds
 _FILL = (0.06, 1.15)  # of the depth
+_LOWEST = 0.5  # depth of the lowest container, in part sizes
 
 
 @dataclass(frozen=True)
@@ -44,20 +49,36 @@ def packing_guess(shape: Shape) -> float:
     return 0.58 * shape.convexity**0.6
 
 
-def random_plan(random: np.random.Generator, shape: Shape, most: int = MAX_PARTS) -> Plan:
-    """One scene of the training distribution: any container, any fill, at most `most` parts."""
-    kind = str(random.choice(list(_SHARES), p=list(_SHARES.values())))
+def mixed_plan(random: np.random.Generator, shape: Shape, most: int) -> Plan:
+    """Any container, any fill: deep in two of three scenes."""
+    deep = random.random() < _DEEP_SHARE
+    return (deep_plan if deep else shallow_plan)(random, shape, most)
+
+
+def shallow_plan(random: np.random.Generator, shape: Shape, most: int) -> Plan:
+    """Any width alike, and therefore low stacks where the parts are many: from one layer up."""
+    return _plan(random, shape, most, _SHALLOW, _shallow_size)
+
+
+def deep_plan(random: np.random.Generator, shape: Shape, most: int) -> Plan:
+    """Containers about as deep as wide, and therefore narrow ones for thin parts."""
+    return _plan(random, shape, most, _DEEP, _deep_size)
+
+
+def _plan(random: np.random.Generator, shape: Shape, most: int, shares: dict[str, float],
+          size_of: Callable[..., np.ndarray]) -> Plan:
+    kind = str(random.choice(list(shares), p=list(shares.values())))
     surface = {"friction": random.uniform(0.2, 0.7), "restitution": random.uniform(0, 0.3),
                "taps": int(random.integers(3, 7)) if random.random() < 0.25 else 0}
     if kind == "none":
         return _heap(random, shape, most, surface)
-    container = _random_container(random, shape, kind, most)
+    container = _container(random, shape, kind, size_of(random, shape, kind, most))
     count = _capacity(container, shape) * random.uniform(*_FILL)
     return Plan(shape, container, _column(container),
                 int(np.clip(count, MIN_PARTS, most)), **surface)
 
 
-def box_plan(random: np.random.Generator, shape: Shape, most: int = MAX_PARTS) -> Plan:
+def box_plan(random: np.random.Generator, shape: Shape, most: int) -> Plan:
     """One scene like those of the paper's test set: a box about five parts wide, part to
     heaped full. Source: paper, section 4 and supplement, "Simulation"."""
     width = random.uniform(4, 6.5) * shape.part_size
@@ -68,23 +89,45 @@ def box_plan(random: np.random.Generator, shape: Shape, most: int = MAX_PARTS) -
                 random.uniform(0.3, 0.6), random.uniform(0, 0.3))
 
 
-def _random_container(random: np.random.Generator, shape: Shape, kind: str, most: int
-                      ) -> ContainerShape:
-    """Width, and the depth for which a full one holds a drawn number of parts: so the fill drawn
-    later does not depend on the width."""
+def _shallow_size(random: np.random.Generator, shape: Shape, kind: str, most: int) -> np.ndarray:
+    """(3,) inner size in part sizes: a width, and the depth for which a full one holds a drawn
+    number of parts, so that the fill drawn later does not depend on the width."""
     width = np.exp(random.uniform(*np.log(_WIDTH)))
     length = width * (1.0 if kind in ROUND or random.random() < 0.4 else random.uniform(1, 1.8))
     holds = min(np.exp(random.uniform(*np.log(_CAPACITY))), most)
-    part = shape.unit_volume / shape.part_size**3 / packing_guess(shape)
+    space = _space(shape)
     low, high = {"tray": (0.4, 1.5), "bowl": (0.3 * width, 0.5 * width),
                  "cup": (0.8 * width, 1.5 * width)}.get(kind, (0.3 * width, 1.1 * width))
     depth = random.uniform(low, high)
-    if depth * width * length / part > holds:
-        depth = holds * part / (width * length)
-    if depth < 0.5:  # not one layer of so many parts: a smaller one
-        width, length = np.array([width, length]) * np.sqrt(depth / 0.5)
-        width, length, depth = max(width, _WIDTH[0]), max(length, _WIDTH[0]), 0.5
-    size = np.array([width, length, depth]) * shape.part_size
+    if depth * width * length / space > holds:
+        depth = holds * space / (width * length)
+    if depth < _LOWEST:  # not one layer of so many parts: a smaller one
+        width, length = np.array([width, length]) * np.sqrt(depth / _LOWEST)
+        width, length, depth = max(width, _WIDTH[0]), max(length, _WIDTH[0]), _LOWEST
+    return np.array([width, length, depth])
+
+
+def _deep_size(random: np.random.Generator, shape: Shape, kind: str, most: int) -> np.ndarray:
+    """(3,) inner size in part sizes: a form, and the width for which a full one holds a drawn
+    number of parts; of parts so thin that four part sizes are too wide for that, a lower one."""
+    aspect = 1.0 if kind in ROUND or random.random() < 0.4 else random.uniform(1, 1.8)
+    low, high = {"bowl": (0.3, 0.5), "cup": (0.8, 1.5)}.get(kind, (0.4, 1.2))
+    form = random.uniform(low, high)  # depth over width
+    space = min(np.exp(random.uniform(*np.log(_CAPACITY))), most) * _space(shape)
+    width = float(np.clip((space / (form * aspect)) ** (1 / 3), *_WIDTH))
+    depth = max(min(form * width, space / (width**2 * aspect)), _LOWEST)
+    return np.array([width, aspect * width, depth])
+
+
+def _space(shape: Shape) -> float:
+    """Room that one part takes in a pile, in cubes of the part size."""
+    return shape.unit_volume / shape.part_size**3 / packing_guess(shape)
+
+
+def _container(random: np.random.Generator, shape: Shape, kind: str, inner: np.ndarray
+               ) -> ContainerShape:
+    width, _, depth = inner
+    size = inner * shape.part_size
     draft = 0.0
     if kind == "cup" or (kind in ("bin", "tray") and random.random() < 0.5):
         draft = min(np.deg2rad(random.uniform(1, 12)), np.arctan(0.15 * width / depth))

@@ -7,12 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stack_counter.sim.plans import Plan, box_plan, random_plan
+from stack_counter.sim.plans import (
+    MAX_PARTS,
+    Plan,
+    box_plan,
+    deep_plan,
+    mixed_plan,
+    shallow_plan,
+)
 from stack_counter.sim.shapes import FAMILIES, Shape, make_shape
 
 SCENES_PER_SHAPE = 3  # one after the other, as in the paper: their convex pieces are made once
+# Convex pieces in a scene, at most: what the engine settles within seconds, or in half a minute.
+_PIECES = {"shallow": 1500, "deep": 2000, "mixed": 2000, "box": 3000}
 PLANS: dict[str, Callable[[np.random.Generator, Shape, int], Plan]] = {
-    "mixed": random_plan, "box": box_plan}
+    "shallow": shallow_plan, "deep": deep_plan, "mixed": mixed_plan, "box": box_plan}
 
 
 @dataclass(frozen=True)
@@ -22,12 +31,10 @@ class Recipe:
     Attributes:
         plan: name in `PLANS`.
         library: parts to take; none for the training families.
-        pieces: convex pieces in a scene, at most: what the engine settles within seconds.
     """
 
     plan: str = "mixed"
     library: tuple[Shape, ...] = ()
-    pieces: int = 1500
 
     def shape(self, seed: int, index: int, attempt: int) -> Shape:
         """The part; every other failed attempt takes another.
@@ -42,6 +49,6 @@ class Recipe:
         random = np.random.default_rng([seed, index // SCENES_PER_SHAPE, change])
         return make_shape(int(random.integers(2**31)), str(random.choice(list(FAMILIES))))
 
-    def draw(self, random: np.random.Generator, shape: Shape, most: int) -> Plan:
-        """A plan with at most `most` parts."""
-        return PLANS[self.plan](random, shape, most)
+    def draw(self, random: np.random.Generator, shape: Shape, pieces: int) -> Plan:
+        """A plan for a part that collides as so many convex pieces."""
+        return PLANS[self.plan](random, shape, min(MAX_PARTS, _PIECES[self.plan] // pieces))

@@ -7,7 +7,6 @@ import html
 import io
 import json
 from collections import Counter
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -82,11 +81,13 @@ def _columns(paths: list[Path]) -> Columns:
 
 
 def _row(scene: Scene) -> dict[str, Any]:
-    """Width in part sizes, and the wall as a share of it; NaN for a heap."""
+    """Width and depth in part sizes, and the wall as a share of the width; NaN for a heap."""
     box, truth = scene.container, scene.truth
-    width = np.nan if box.kind == "none" else min(box.inner_size_m[:2])
+    width, depth = (np.nan, np.nan) if box.kind == "none" \
+        else (min(box.inner_size_m[:2]), box.inner_size_m[2])
     return {"family": scene.shape.family, "seed": scene.shape.seed, "kind": box.kind,
-            "width": width / scene.shape.part_size, "wall": box.wall_thickness_m / width,
+            "width": width / scene.shape.part_size, "depth": depth / scene.shape.part_size,
+            "wall": box.wall_thickness_m / width,
             "count": truth.count, "gamma": truth.gamma, "fill": truth.fill,
             "gamma_whole": truth.gamma_whole, "gamma_center": truth.gamma_center}
 
@@ -96,33 +97,28 @@ def _facts(c: Columns, paths: list[Path]) -> list[tuple[str, str]]:
     count, gamma = c["count"], c["gamma"][np.isfinite(c["gamma"])]
     parts, families = int(count.sum()), Counter(c["family"].tolist())
     size = sum(path.stat().st_size for path in paths)
-    low, few, half, many, high = np.percentile(gamma, (0, 5, 50, 95, 100)) if len(gamma) \
-        else [np.nan] * 5
+    spread = np.percentile(gamma, (0, 5, 50, 95, 100)) if len(gamma) else [np.nan] * 5
     kinds = ", ".join(f"{kind} {np.mean(c['kind'] == kind):.1%}" for kind in KINDS)
     name, most = families.most_common(1)[0]
     skipped: Counter[str] = sum(map(read_skipped, paths), Counter())
+    reasons = ", ".join(f"{reason} {n}" for reason, n in skipped.most_common())
+    missing = ", ".join(sorted(set(FAMILIES) - set(families)))
     return [
         ("Scenes", f"{len(count):,} in {len(paths):,} shards"),
         ("Distinct parts", f"{len(set(zip(c['family'].tolist(), c['seed'].tolist()))):,}"),
         ("Families", f"{len(families)}; largest share {most / len(count):.1%} ({name}), "
                      f"at most {LARGEST_SHARE:.0%}"),
-        ("Training families without a scene", _listed(sorted(set(FAMILIES) - set(families)))),
+        ("Training families without a scene", missing or "none"),
         ("Parts in total", f"{parts:,}"),
         ("Count", f"mean {count.mean():.1f}, min {count.min()}, median {np.median(count):.0f}, "
                   f"max {count.max()}"),
-        ("gamma", f"min {low:.3f}, 5% {few:.3f}, median {half:.3f}, 95% {many:.3f}, "
-                  f"max {high:.3f}"),
-        ("Scenes with gamma above 1, or without", f"{np.sum(gamma > 1)}, "
-                                                  f"{len(count) - len(gamma)}"),
+        ("gamma", "min {:.3f}, 5% {:.3f}, median {:.3f}, 95% {:.3f}, max {:.3f}".format(*spread)),
+        ("Scenes with gamma above 1", f"{np.sum(gamma > 1)}; empty {len(count) - len(gamma)}"),
         ("Containers", kinds),
         ("Failed tries", f"{skipped.total()} ({skipped.total() / len(count):.1%} of the scenes): "
-                         + _listed(f"{reason} {n}" for reason, n in skipped.most_common())),
+                         f"{reasons or 'none'}"),
         ("On disk", f"{size / 1e6:.2f} MB, {size / max(parts, 1):.1f} bytes a part"),
     ]
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(names) or "none"
 
 
 def _rate(log: Path) -> list[tuple[str, str]]:
@@ -131,8 +127,7 @@ def _rate(log: Path) -> list[tuple[str, str]]:
     if not lines:
         return []
     shards = [json.loads(line) for line in lines]
-    seconds, scenes, parts = (sum(s[name] for s in shards) for name in
-                              ("seconds", "scenes", "parts"))
+    seconds, scenes, parts = (sum(s[n] for s in shards) for n in ("seconds", "scenes", "parts"))
     workers = len({s["worker"] for s in shards})
     return [("Rate of one worker", f"{3600 * scenes / seconds:,.0f} scenes/h, "
              f"{parts / seconds:,.0f} parts/s; {len(shards)} shards by {workers} workers in "
@@ -160,22 +155,24 @@ def _plots(c: Columns) -> list[tuple[str, bytes]]:
 
 def _plot_gamma(figure: Any, c: Columns) -> None:
     counts, gammas, by_kind = figure.subplots(1, 3)
-    _histogram(counts, np.maximum(c["count"], 1), "count", bins=np.geomspace(
-        1, max(10, 1.01 * c["count"].max()), 40))
+    low, high = max(1, c["count"].min()), c["count"].max() + 1
+    _histogram(counts, c["count"], "count", np.geomspace(low, high, 40))
     counts.set_xscale("log")
     _histogram(gammas, c["gamma"], "gamma")
     kinds = [kind for kind in KINDS if (c["kind"] == kind).any()]
     by_kind.boxplot([_finite(c["gamma"][c["kind"] == kind]) for kind in kinds], whis=(5, 95),
                     tick_labels=kinds, flierprops={"markersize": 2})
+    by_kind.tick_params(axis="x", rotation=30)
     by_kind.set(ylabel="gamma", title="whiskers: 5% and 95%")
 
 
 def _plot_fill(figure: Any, c: Columns) -> None:
-    fills, against, walls = figure.subplots(1, 3)
+    fills, against, depths, walls = figure.subplots(1, 4)
     boxed = c["kind"] != "none"
     _histogram(fills, c["fill"][boxed], "fill")
-    _scatter(against, c["width"][boxed], c["fill"][boxed],
-             xlabel="width / part size", ylabel="fill", xscale="log")
+    _scatter(against, c["width"][boxed], c["fill"][boxed], xlabel="width / part size",
+             ylabel="fill")
+    _histogram(depths, c["depth"], "depth / part size")
     _histogram(walls, c["wall"], "wall thickness / width")
 
 
@@ -209,8 +206,8 @@ def _plot_border(figure: Any, c: Columns) -> None:
         histograms.hist(values, np.linspace(0, max(1, whole.max(), center.max()), 41), alpha=0.6,
                         label=f"{name}: mean {values.mean():.3f}")
     histograms.legend()
-    histograms.set(xlabel="occupancy ratio", ylabel="scenes", title=f"{len(whole)} containers "
-                   f"filled to {FULL:.0%}: borders {whole.mean() / center.mean() - 1:+.1%}")
+    histograms.set(xlabel="occupancy ratio", ylabel="scenes", title=f"{len(whole)} containers, "
+                   f"fill >= {FULL}: borders change it by {whole.mean() / center.mean() - 1:+.1%}")
     _scatter(against, whole, center, xlabel="gamma_whole", ylabel="gamma_center")
     against.axline((0, 0), slope=1, color="tab:red")
 

@@ -15,6 +15,7 @@ from stack_counter.sim.truth import Truth, measure_truth
 from stack_counter.types import Mesh
 
 _POSITION_STEPS, _TURN_STEPS = 65535, 1023
+_ROUNDS = 6  # of packing after which a code repeats
 
 
 class SceneError(StackCounterError):
@@ -72,7 +73,7 @@ def rotations(poses: np.ndarray) -> np.ndarray:
 
 
 def pack(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Poses in ten bytes each.
+    """Poses in ten bytes each; what `unpack` gave is packed as it was.
 
     Args:
         poses: (n, 7) float64 positions and unit quaternions (x, y, z, w).
@@ -81,31 +82,42 @@ def pack(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         frame: (6,) float32, lowest corner and extent of the positions, metres.
         positions: (n, 3) uint16 in 65,535ths of the extent.
         turns: (n,) uint32: which component is the largest (2 bits), and the others in 1,023rds
-            of their range of +-1/sqrt(2) (10 bits each).
+            of their range of +-1/sqrt(2) (10 bits each); within 0.22 degrees.
     """
     low = poses[:, :3].min(axis=0, initial=np.inf) if len(poses) else np.zeros(3)
     extent = np.maximum(poses[:, :3].max(axis=0) - low, 1e-6) if len(poses) else np.ones(3)
     frame = np.concatenate([low, extent]).astype(np.float32)
     share = (poses[:, :3] - frame[:3]) / frame[3:]
     positions = np.round(np.clip(share, 0, 1) * _POSITION_STEPS).astype(np.uint16)
-    q = poses[:, 3:]
+    # Where two components are nearly alike, rounding may make the other one the largest: two
+    # codes then give each other. Of such a pair the smaller one stands for both.
+    turns = _encoded(poses[:, 3:])
+    for _ in range(_ROUNDS):
+        turns = _encoded(_decoded(turns))
+    return frame, positions, np.minimum(turns, _encoded(_decoded(turns)))
+
+
+def _encoded(q: np.ndarray) -> np.ndarray:
     largest = np.argmax(np.abs(q), axis=1)
     sign = np.where(np.take_along_axis(q, largest[:, None], 1) < 0, -1, 1)
     others = (q * sign)[np.arange(4) != largest[:, None]].reshape(-1, 3)
     steps = np.round((np.clip(others * np.sqrt(0.5) + 0.5, 0, 1)) * _TURN_STEPS).astype(np.uint32)
-    turns = (largest.astype(np.uint32) << 30) | (steps[:, 0] << 20) | (steps[:, 1] << 10) \
+    return (largest.astype(np.uint32) << 30) | (steps[:, 0] << 20) | (steps[:, 1] << 10) \
         | steps[:, 2]
-    return frame, positions, turns
 
 
-def unpack(frame: np.ndarray, positions: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """(n, 7) float64 poses from what `pack` returned."""
-    frame = frame.astype(float)
+def _decoded(turns: np.ndarray) -> np.ndarray:
     largest = (turns >> 30).astype(int)
     steps = np.stack([turns >> 20, turns >> 10, turns], axis=1) & 1023
     others = (steps / _TURN_STEPS - 0.5) * np.sqrt(2)
     q = np.empty((len(turns), 4))
     q[np.arange(4) != largest[:, None]] = others.ravel()
     q[np.arange(len(q)), largest] = np.sqrt(np.maximum(1 - np.sum(others**2, axis=1), 0))
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
-    return np.concatenate([frame[:3] + positions / _POSITION_STEPS * frame[3:], q], axis=1)
+    return q / np.linalg.norm(q, axis=1, keepdims=True)
+
+
+def unpack(frame: np.ndarray, positions: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """(n, 7) float64 poses from what `pack` returned."""
+    frame = frame.astype(float)
+    return np.concatenate([frame[:3] + positions / _POSITION_STEPS * frame[3:], _decoded(turns)],
+                          axis=1)

@@ -84,7 +84,10 @@ def read_shard(path: Path) -> list[Scene]:
         family, seed = str(data["family"][i]), int(data["shape_seed"][i])
         v = float(data["unit_volume"][i])
         if shape is None or (shape.family, shape.seed) != (family, seed):
-            shape = make_shape(seed, family) if family in FAMILIES else library[seed]
+            shape = make_shape(seed, family) if family in FAMILIES else next(
+                (part for part in library if (part.family, part.seed) == (family, seed)), None)
+        if shape is None:
+            raise SceneError(f"{path}: {LIBRARY} beside it lacks part {seed}, {family}")
         if abs(shape.unit_volume / v - 1) > _SAME_VOLUME:
             raise SceneError(f"{path}: {family} {seed} has {shape.unit_volume} m3; expected {v}, "
                              "as when the scene was made: another version of the generators")

@@ -99,6 +99,7 @@ def inner_points(shape: Shape, count: int) -> np.ndarray:
     """(n, 3) points on a grid inside the part, its frame, metres; about `count` of them."""
     low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
     pitch = (shape.unit_volume / count) ** (1 / 3)
-    axes = [np.arange(a + pitch / 2, b, pitch) for a, b in zip(low, high)]
+    sides = np.maximum(np.round((high - low) / pitch), 1).astype(int)
+    axes = [a + (np.arange(n) + 0.5) * (b - a) / n for a, b, n in zip(low, high, sides)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     return grid[Caster(Mesh(shape.vertices.astype(np.float32), shape.faces)).holds(grid)]

@@ -26,7 +26,7 @@ from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, read_shard, record
 
 _QUANTILES = 101
-_KINDS = ("bin", "tray", "none")
+_FOUND = {"bin": "box", "tray": "box", "none": "none"}  # what the reconstruction makes of a kind
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Row:
 
 def measure_shard(path: Path) -> list[Row]:
     """Rows of a shard's scenes in containers that the reconstruction knows."""
-    return [row for scene in read_shard(path) if scene.container.kind in _KINDS
+    return [row for scene in read_shard(path) if scene.container.kind in _FOUND
             if (row := measure(scene))]
 
 
@@ -75,12 +75,16 @@ def measure(scene: Scene, views: int = 12) -> Row | None:
 
 
 def volume_errors(rows: list[Row]) -> dict[str, str]:
-    """Mean absolute, mean and 95th percentile of V's relative error, by kind of container."""
+    """Mean absolute, mean and 95th percentile of V's relative error, by kind of container, where
+    the container was found for what it is."""
     out = {}
     for kind in sorted({row.kind for row in rows}):
-        error = np.array([r.volume / r.true_volume - 1 for r in rows if r.kind == kind])
-        out[f"volume_{kind}"] = (f"{len(error)} scenes, mean abs {np.abs(error).mean():.3f}, bias "
-                                 f"{error.mean():+.3f}, p95 {np.quantile(abs(error), 0.95):.3f}")
+        found = [r for r in rows if r.kind == kind and r.found == _FOUND[kind]]
+        error = np.array([r.volume / r.true_volume - 1 for r in found])
+        scenes = sum(r.kind == kind for r in rows)
+        out[f"volume_{kind}"] = (
+            f"{len(error)} of {scenes} found, mean abs {np.abs(error).mean():.3f}, bias "
+            f"{error.mean():+.3f}, p95 {np.quantile(abs(error), 0.95):.3f}")
     return out
 
 
@@ -123,8 +127,9 @@ def main() -> int:
                 for row in shard]
     options.out.with_suffix(".jsonl").write_text(
         "".join(json.dumps(asdict(row)) + "\n" for row in rows))
-    tensors, errors = fit(rows)
-    facts = {"format": FORMAT, "scenes": str(len(rows)), **{k: f"{v:.4f}" for k, v in
+    known = [row for row in rows if row.found == _FOUND[row.kind]]
+    tensors, errors = fit(known)
+    facts = {"format": FORMAT, "scenes": str(len(known)), **{k: f"{v:.4f}" for k, v in
                                                             errors.items()}}
     save_file(tensors, options.out, metadata=facts)
     print(json.dumps({**facts, **volume_errors(rows)}, indent=2))

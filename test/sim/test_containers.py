@@ -6,6 +6,7 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from stack_counter import geometry
+from stack_counter.sim.casting import Caster
 from stack_counter.sim.containers import KINDS, ContainerError, ContainerShape
 
 SIZE, WALL, FLOOR = (0.2, 0.14, 0.1), 0.006, 0.004
@@ -20,8 +21,7 @@ def container(kind, **changes):
 
 
 def between_rings(box, random, count):
-    """Points (count, 3) on the inner wall, on the straight lines between neighbouring corners,
-    and the way out there: away from the container's axis."""
+    """Points (count, 3) on the inner wall: on straight lines between neighbouring corners."""
     rings = box.inner_rings
     k, n = random.integers(len(rings) - 1, size=count), random.integers(rings.shape[1], size=count)
     u, w = random.random((2, count, 1))
@@ -53,7 +53,7 @@ def test_the_mesh_is_a_closed_body_of_the_sizes_asked_for(kind):
     np.testing.assert_allclose(body.bounds[:, 2], [0, box.rim_m], atol=1e-7)
     # Whatever lies within the inner wall is inside the container, hence in no wall.
     points = between_rings(box, np.random.default_rng(0), 300) * [0.9, 0.9, 1] + [0, 0, 1e-4]
-    assert not body.contains(points).any()
+    assert not Caster(mesh).holds(points).any()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -82,7 +82,8 @@ def test_draft_inclines_the_walls_and_keeps_their_thickness():
     vertices = box.mesh().vertices
     for z, inner in ((box.rim_m, SIZE[:2]), (FLOOR, want), (0.0, want)):
         level = vertices[np.abs(vertices[:, 2] - z) < 1e-6]
-        np.testing.assert_allclose(np.ptp(level, axis=0)[:2], np.array(inner) + 2 * WALL, rtol=1e-5)
+        outer = np.array(inner) + 2 * WALL
+        np.testing.assert_allclose(np.ptp(level, axis=0)[:2], outer, rtol=1e-5)
 
 
 def test_a_cylinder_and_a_bowl_in_closed_form():
@@ -137,6 +138,14 @@ def test_collision_walls_are_as_thick_at_the_rim_as_those_that_are_seen():
     np.testing.assert_allclose(np.ptp(top[:, :2], axis=0), np.array(SIZE[:2]) + 2 * WALL)
 
 
+def test_collision_walls_grow_outwards_below_the_rim():
+    pieces = container("bin", draft_rad=0.0).collision_pieces()
+    z = np.linspace(FLOOR, FLOOR + SIZE[2], 20)[1:-1]
+    # Farther out by half of what the rim lies higher: in the wall, hence nothing slips through.
+    out = SIZE[0] / 2 + WALL + 0.5 * (FLOOR + SIZE[2] - z)
+    assert in_any(pieces, np.column_stack([out, 0.01 + 0 * z, z]), 0).all()
+
+
 def test_a_heap_has_no_body():
     heap = ContainerShape("none", inner_size_m=(0.3, 0.2, 0.0))
     assert heap.mesh() is None and heap.inner_mesh() is None and heap.collision_pieces() == []
@@ -169,6 +178,9 @@ def test_the_meshes_stand_at_the_containers_pose():
     ("bag", {"floor_thickness_m": -0.001}, "expected all above 0"),
     ("none", {"inner_size_m": (0.0, 0.2, 0.0)}, "expected all above 0"),
     ("bin", {"draft_rad": np.arctan(0.57)}, "draft of 30 degrees closes at its floor"),
+    ("bin", {"draft_rad": -0.2}, "draft is -0.2 rad; expected 0 to"),
+    ("bin", {"draft_rad": np.nan}, "draft is nan rad; expected 0 to"),
+    ("bin", {"floor_thickness_m": np.inf}, "expected all above 0"),
 ])
 def test_what_leaves_no_room_is_refused(kind, changes, reason):
     with pytest.raises(ContainerError, match=reason) as caught:
