@@ -86,7 +86,8 @@ def _write_truth(bag: Path, scene: Scene, seed: int, more: dict) -> None:
     truth, container = scene.truth, scene.container
     (bag / "truth.json").write_text(json.dumps({
         "count": truth.count, "unit_volume_cm3": truth.unit_volume * 1e6,
-        "volume_m3": truth.stack_volume, "gamma": truth.gamma, "family": scene.shape.family,
+        "volume_m3": truth.stack_volume, "gamma": truth.gamma if truth.count else None,
+        "family": scene.shape.family,
         "part_size_m": scene.shape.part_size, "container": container.kind,
         "inner_size_m": container.inner_size_m, "wall_thickness_m": container.wall_thickness_m,
         "floor_thickness_m": container.floor_thickness_m,
