@@ -58,8 +58,8 @@ def write_picks_bag(scene: Scene, out: Path, picks: int, seed: int) -> None:
 def picked(scene: Scene, picks: int) -> Iterator[Scene]:
     """The scene, and after each pick what is left of it.
 
-    The part that reaches highest is taken; nothing can lie on it. What leaned on it stays as it
-    was: the engine is not asked again.
+    The part that reaches highest is taken. What leaned on it, or lay on its lower end, stays as
+    it was: the engine is not asked again.
     """
     vertices = scene.parts_mesh().vertices
     order = np.argsort(vertices[:, 2].reshape(len(scene.poses), -1).max(axis=1))
