@@ -16,6 +16,9 @@ from stack_counter.types import HeightMap, Intrinsics, Mesh
 _CPU = o3c.Device("CPU:0")
 _BLOCK = 8  # voxels along a block's side: small blocks follow the surface closely
 _BLOCKS = 20_000  # first size of the hash map; it grows by itself
+# Open3D cuts pixel coordinates off where we round them: pixel centres lie on whole numbers here.
+# Without this every surface is read half a pixel beside its place, 0.4 to 1 mm too low.
+_TO_CORNER = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 
 
 class Tsdf:
@@ -45,7 +48,7 @@ class Tsdf:
             intrinsics: pinhole calibration of `depth`.
             T_world_camera: (4, 4) pose of the optical frame.
         """
-        K = o3c.Tensor(intrinsics.K)
+        K = o3c.Tensor(intrinsics.K + _TO_CORNER)
         T_camera_world = o3c.Tensor(geometry.inverse(T_world_camera))
         image = o3d.t.geometry.Image(o3c.Tensor(np.ascontiguousarray(depth, np.float32)))
         wanted = o3d.t.geometry.Image(o3c.Tensor(np.where(surface, depth, 0).astype(np.float32)))
