@@ -20,6 +20,7 @@ import trimesh
 from manifold3d import Error, Manifold, Mesh, OpType
 
 from stack_counter.sim.shapes import FAMILIES, Shape, ShapeError, shape_from_mesh
+from stack_counter.sim.shapes.library import save_shapes
 from stack_counter.sim.unseen import GENERATORS, solid
 
 _OUT = Path(__file__).parent.parent / "data/unseen/shapes.npz"
@@ -104,13 +105,8 @@ def main(folder: Path) -> None:
             print(f"refused {'/'.join(key)}: {error}")
     shapes = list(kept.values())
     _OUT.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(
-        _OUT, names=np.array(["/".join(key) for key in kept]),
-        sources=np.array([key[0] for key in kept]), families=np.array([s.family for s in shapes]),
-        vertex_offsets=np.cumsum([0] + [len(s.vertices) for s in shapes], dtype=np.int64),
-        face_offsets=np.cumsum([0] + [len(s.faces) for s in shapes], dtype=np.int64),
-        vertices=np.concatenate([s.vertices for s in shapes]).astype(np.float32),
-        faces=np.concatenate([s.faces for s in shapes]).astype(np.int32))
+    save_shapes(_OUT, shapes, names=np.array(["/".join(key) for key in kept]),
+                sources=np.array([key[0] for key in kept]))
     print(f"{len(shapes)} shapes, {refused} refused, {_OUT.stat().st_size / 1e6:.2f} MB")
 
 

@@ -69,9 +69,21 @@ def simulate(out: Path, scenes: int, workers: int, seed: int, plan: str = "mixed
 def _claim(out: Path, run: dict) -> None:
     """Notes what the folder's scenes are made from; refuses to mix them with others."""
     path = out / RUN
-    if path.exists() and (there := json.loads(path.read_text())) != run:
+    if path.exists() and (there := _made_from(path)) != run:
         raise SceneError(f"{out} holds scenes made from {there}; expected {run}")
     path.write_text(json.dumps(run) + "\n")
+
+
+def _made_from(path: Path) -> dict:
+    """What the file that `_claim` wrote says."""
+    try:
+        there = json.loads(path.read_text())
+    except ValueError as error:  # no JSON, or no text at all
+        raise SceneError(f"{path} is damaged: {error}; expected what simulate wrote there, e.g. "
+                         '{"seed": 7, "plan": "mixed", "library": ""}') from error
+    if not isinstance(there, dict):
+        raise SceneError(f"{path} holds {there!r}; expected an object with seed, plan and library")
+    return there
 
 
 def _digest(library: Path | None) -> str:

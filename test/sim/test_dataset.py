@@ -134,6 +134,20 @@ def test_scenes_of_another_seed_are_not_mixed_in(tmp_path):
         simulate(tmp_path, 1, 1, SEED + 1)
 
 
+@pytest.mark.parametrize("damage, message", [
+    (b"", "is damaged: Expecting value.*; expected what simulate wrote there"),
+    (b'{"seed": 5, "pl', "is damaged: Unterminated string.*; expected what simulate wrote there"),
+    (b"\x80\xff", "is damaged: 'utf-8' codec .*; expected what simulate wrote there"),
+    (b"[5]\n", r"holds \[5\]; expected an object with seed, plan and library"),
+])
+def test_a_damaged_note_of_what_a_run_is_made_from_is_refused(tmp_path, damage, message):
+    (tmp_path / "run.json").write_bytes(damage)
+    with pytest.raises(SceneError, match="run.json " + message) as error:
+        simulate(tmp_path, 1, 1, SEED)
+    assert "\n" not in str(error.value)
+    assert (tmp_path / "run.json").read_bytes() == damage, "it stays for whoever looks into it"
+
+
 def test_a_run_resumes_where_it_stopped(run, tmp_path):
     whole = contents(run)
     names = sorted(whole)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stack_counter.sim import read_scenes
+from stack_counter.sim import read_scenes, sparse, unseen
 from stack_counter.sim.shapes import FAMILIES
 
 DATA = Path(__file__).parents[2] / "data"
@@ -39,3 +39,14 @@ def test_training_scenes_are_of_the_training_families(name):
     assert len(scenes) == 60 and {s.shape.family for s in scenes} <= set(FAMILIES)
     again = replace(scenes[7], stored_truth=None)
     assert again.truth.stack_volume == pytest.approx(scenes[7].truth.stack_volume, rel=1e-6)
+
+
+def test_the_sparse_set_reaches_below_a_twentieth_and_holds_families_of_its_own():
+    scenes = list(read_scenes(DATA / "train-sparse"))
+    families = {s.shape.family for s in scenes}
+    assert families == set(sparse.GENERATORS)
+    assert not families & (set(FAMILIES) | set(unseen.GENERATORS))
+    gamma = np.array([s.truth.gamma for s in scenes])
+    assert gamma.min() < 0.03 and np.mean(gamma < 0.05) > 0.4 and gamma.max() < 0.2
+    again = replace(scenes[30], stored_truth=None)
+    assert again.truth.stack_volume == pytest.approx(scenes[30].truth.stack_volume, rel=1e-6)

@@ -11,8 +11,18 @@ import numpy as np
 from stack_counter.sim.shapes.shape import Shape, ShapeError, shape_from_mesh
 
 
+def save_shapes(path: str | Path, shapes: list[Shape], **more: np.ndarray) -> None:
+    """Writes shapes as `load_shapes` reads them, behind further arrays of the caller's."""
+    np.savez_compressed(
+        path, **more, families=np.array([s.family for s in shapes]),
+        vertex_offsets=np.cumsum([0] + [len(s.vertices) for s in shapes], dtype=np.int64),
+        face_offsets=np.cumsum([0] + [len(s.faces) for s in shapes], dtype=np.int64),
+        vertices=np.concatenate([s.vertices for s in shapes]).astype(np.float32),
+        faces=np.concatenate([s.faces for s in shapes]).astype(np.int32))
+
+
 def load_shapes(path: str | Path) -> list[Shape]:
-    """Reads and checks every shape of a file that `scripts/join_unseen_shapes.py` wrote.
+    """Reads and checks every shape of a file that `save_shapes` wrote.
 
     Args:
         path: npz with `families` (n,) str, `vertex_offsets`, `face_offsets` (n + 1,)

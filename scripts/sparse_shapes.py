@@ -1,0 +1,61 @@
+"""Writes sparse parts, wire frames of 15 to 45 mm, as a library for `stack-counter simulate`.
+
+    python scripts/sparse_shapes.py OUT.npz [PARTS_PER_FAMILY]
+
+A part is refused, one line each, if it is no single watertight body, if the physics cannot split
+it into few convex pieces, or if these fill much more than it does.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from stack_counter.sim.collision import convex_pieces
+from stack_counter.sim.shapes import Shape, ShapeError, shape_from_mesh
+from stack_counter.sim.shapes.library import save_shapes
+from stack_counter.sim.sparse import GENERATORS, solid
+
+_SIZES_M = (0.015, 0.045)
+_PARTS = 8  # of a family
+_TOO_FULL = 1.5  # volume of the convex pieces over that of the part: wires would be too thick
+
+
+def checked(family: str, variant: int) -> Shape:
+    """One part.
+
+    Raises:
+        ShapeError: it is no solid, or has no faithful decomposition.
+    """
+    raw = solid(family, variant).to_mesh64()
+    size = float(np.random.default_rng(variant).uniform(*_SIZES_M))
+    # As the file will hold it: corners that are one in float32 are merged when it is read.
+    vertices = raw.vert_properties[:, :3].astype(np.float32)
+    shape = shape_from_mesh(vertices, raw.tri_verts, family, part_size=size)
+    pieces = sum(trimesh.convex.convex_hull(corners).volume for corners in convex_pieces(shape))
+    if pieces > _TOO_FULL * shape.unit_volume:
+        raise ShapeError(f"its convex pieces fill {pieces / shape.unit_volume:.2f} times its "
+                         f"volume; expected at most {_TOO_FULL}")
+    return shape
+
+
+def main(out: Path, parts: int) -> None:
+    """Writes the file; says what was refused and why."""
+    shapes, refused = [], 0
+    for family in GENERATORS:
+        for variant in range(parts):
+            try:
+                shapes.append(checked(family, variant))
+            except ShapeError as error:
+                refused += 1
+                print(f"refused {family} {variant}: {error}")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    save_shapes(out, shapes)
+    print(f"{len(shapes)} shapes, {refused} refused, {out.stat().st_size / 1e6:.2f} MB")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else _PARTS)
