@@ -19,13 +19,12 @@ import numpy as np
 import trimesh
 from manifold3d import Error, Manifold, Mesh, OpType
 
-from stack_counter.sim.shapes import FAMILIES, Shape, ShapeError, shape_from_mesh
+from stack_counter.sim.shapes import FAMILIES, SIZES_M, Shape, ShapeError, shape_from_mesh
 from stack_counter.sim.shapes.library import save_shapes
 from stack_counter.sim.unseen import GENERATORS, solid
 
 _OUT = Path(__file__).parent.parent / "data/unseen/shapes.npz"
 _CATALOGUE = "bd_warehouse"  # the source whose files have a real size, millimetres
-_SIZES_M = (0.015, 0.045)
 _FACES = 3000  # at most
 _COARSER = (0.001, 0.002, 0.004, 0.008, 0.016)  # of the part size: what simplification may move
 
@@ -87,9 +86,9 @@ def checked(source: str, family: str, variant: str, path: Path | None) -> Shape:
     raw = coarse.to_mesh64()
     vertices = raw.vert_properties[:, :3]
     name = f"{source}/{family}/{variant}"
-    size = np.random.default_rng(zlib.crc32(name.encode())).uniform(*_SIZES_M)
+    size = np.random.default_rng(zlib.crc32(name.encode())).uniform(*SIZES_M)
     if source == _CATALOGUE:
-        size = np.clip(np.ptp(vertices, axis=0).max() / 1000, *_SIZES_M)
+        size = np.clip(np.ptp(vertices, axis=0).max() / 1000, *SIZES_M)
     return shape_from_mesh(vertices, raw.tri_verts, family, part_size=float(size))
 
 

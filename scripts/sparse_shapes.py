@@ -15,11 +15,10 @@ import numpy as np
 import trimesh
 
 from stack_counter.sim.collision import convex_pieces
-from stack_counter.sim.shapes import Shape, ShapeError, shape_from_mesh
+from stack_counter.sim.shapes import SIZES_M, Shape, ShapeError, shape_from_mesh
 from stack_counter.sim.shapes.library import save_shapes
 from stack_counter.sim.sparse import GENERATORS, solid
 
-_SIZES_M = (0.015, 0.045)
 _PARTS = 8  # of a family
 _TOO_FULL = 1.5  # volume of the convex pieces over that of the part: wires would be too thick
 
@@ -31,7 +30,7 @@ def checked(family: str, variant: int) -> Shape:
         ShapeError: it is no solid, or has no faithful decomposition.
     """
     raw = solid(family, variant).to_mesh64()
-    size = float(np.random.default_rng(variant).uniform(*_SIZES_M))
+    size = float(np.random.default_rng(variant).uniform(*SIZES_M))
     # As the file will hold it: corners that are one in float32 are merged when it is read.
     vertices = raw.vert_properties[:, :3].astype(np.float32)
     shape = shape_from_mesh(vertices, raw.tri_verts, family, part_size=size)

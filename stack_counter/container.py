@@ -24,9 +24,6 @@ _STEP = 0.0005  # sampling across the rim, m
 _REACH = 0.020  # how far on both sides of the first guess an edge is looked for, m
 _MIN_HEIGHT = 0.02  # of a rim that is found by itself, m
 _STRAIGHT = 0.004  # how straight an edge is, m
-# How far the fused surface stands outside the true outer edge, in voxels: the mean over the boxes
-# of the training piles. The inner edges have no such bias there.
-_EDGE_BIAS = 0.35
 _MIN_RIM = 0.5  # share of the outline on which a rim must be seen
 _MIN_DROP = 0.15  # share of the outline on which the drop inside the rim must be seen
 
@@ -103,12 +100,10 @@ def _configured(config: ReconstructorConfig, region: Region) -> Container:
 def _from_rim(rim: _Rim, config: ReconstructorConfig) -> Container:
     """Inner size from the inner edges; where parts hide one, from the other sides' walls."""
     measured = rim.walls[np.isfinite(rim.walls)]
-    bias = _EDGE_BIAS * config.voxel_size
-    seen = float(np.median(measured)) if len(measured) else 0.0
-    wall = config.container_wall_m or max(seen - bias, 0.0)
-    walls = np.where(np.isfinite(rim.walls), rim.walls, wall + bias)
+    wall = config.container_wall_m or (float(np.median(measured)) if len(measured) else 0.0)
+    walls = np.where(np.isfinite(rim.walls), rim.walls, wall)
     if config.container_wall_m:
-        walls = np.full(4, wall + bias)
+        walls = np.full(4, wall)
     inner = rim.outer - [walls[0] + walls[1], walls[2] + walls[3]]
     centre = np.array([walls[0] - walls[1], walls[2] - walls[3], 0.0]) / 2
     T = rim.T_world_rim @ geometry.pose(np.eye(3), centre)

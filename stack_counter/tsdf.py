@@ -16,8 +16,8 @@ from stack_counter.types import HeightMap, Intrinsics, Mesh
 _CPU = o3c.Device("CPU:0")
 _BLOCK = 8  # voxels along a block's side: small blocks follow the surface closely
 _BLOCKS = 20_000  # first size of the hash map; it grows by itself
-# Open3D cuts pixel coordinates off where we round them: pixel centres lie on whole numbers here.
-# Without this every surface is read half a pixel beside its place, 0.4 to 1 mm too low.
+# Open3D cuts pixel coordinates off instead of rounding them; our pixel centres lie on whole
+# numbers. Without this every surface is read half a pixel beside its place.
 _TO_CORNER = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 
 

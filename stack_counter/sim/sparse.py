@@ -54,7 +54,7 @@ def _open_box(r: np.random.Generator) -> Manifold:
 
 
 def _open_prism(r: np.random.Generator) -> Manifold:
-    """Edges of a straight or tapered prism of three to five sides, few enough to stay open."""
+    """Edges of a straight or tapered prism of three or five sides, few enough to stay open."""
     n = int(r.choice([3, 5]))
     corners = np.vstack([_circle(n), _circle(n, r.uniform(0.5, 1), r.uniform(0.8, 2))])
     edges = [(i + k, (i + 1) % n + k) for k in (0, n) for i in range(n)] \

@@ -14,7 +14,7 @@ from manifold3d import Manifold
 from stack_counter.sim.shapes import bent, free, machined, plain
 from stack_counter.sim.shapes.shape import Shape, ShapeError, shape_from_mesh
 
-__all__ = ["FAMILIES", "Shape", "ShapeError", "make_shape", "shape_from_mesh"]
+__all__ = ["FAMILIES", "SIZES_M", "Shape", "ShapeError", "make_shape", "shape_from_mesh"]
 
 FAMILIES: dict[str, Callable[[np.random.Generator], Manifold]] = {
     f.__name__: f for f in (
@@ -29,7 +29,7 @@ FAMILIES: dict[str, Callable[[np.random.Generator], Manifold]] = {
         bent.crank, bent.saddle, bent.corrugated,
         free.blobs, free.csg, free.extruded, free.revolved, free.tetrapod, free.burr)}
 
-_SIZES_M = (0.015, 0.045)
+SIZES_M = (0.015, 0.045)  # part sizes of the simulated parts
 _RETRIES = 5
 
 
@@ -58,5 +58,5 @@ def make_shape(seed: int, family: str | None = None) -> Shape:
 
 def _draw(random: np.random.Generator, seed: int, family: str) -> Shape:
     raw = FAMILIES[family](random).to_mesh64()
-    size = random.uniform(*_SIZES_M)
+    size = random.uniform(*SIZES_M)
     return shape_from_mesh(raw.vert_properties[:, :3], raw.tri_verts, family, seed, size)
