@@ -71,7 +71,8 @@ class ReconstructorConfig:
                                                "centre of the region of interest, world, m")
     roi_size_m: tuple[float, ...] = _setting((0.0, 0.0, 0.0),
                                              "its size along world x y z, m; zeros: found", 0.0)
-    container_kind: str = _setting("auto", "what holds the parts", choices=("auto", "box", "none"))
+    container_kind: str = _setting("auto", "what holds the parts",
+                                   choices=("auto", "box", "round", "free", "none"))
     container_inner_size_m: tuple[float, ...] = _setting(
         (0.0, 0.0, 0.0), "inner x, y and floor-to-rim height, m; zeros: measured", 0.0)
     container_wall_m: float = _setting(0.0, "wall thickness, m; 0: measured", 0.0, 0.2)

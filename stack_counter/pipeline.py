@@ -173,7 +173,7 @@ class StackCounter:
             raise ScanError(f"no surface left after carving {len(self._views)} views; expected "
                             "some: depth and poses disagree")
         top = TopView(mesh)
-        container = find_container(top, region, pitch, self._config)
+        container = find_container(top, self._views, region, pitch, self._config)
         result = measure(top, container, region, pitch,
                          floor_known=self._config.container_floor_m > 0)
         reasons = []
