@@ -17,13 +17,14 @@ from stack_counter.types import View
 from stack_counter.wall_forms import WallForm
 
 _MOST_VIEWS = 24  # looked at, evenly spread over the scan
+_MOST_POINTS = 60_000  # in the fit, evenly chosen
 _EDGE = 0.003  # next to the rim, where points are neither face, m
 _REACH = 0.0025  # of a face on both sides of where it is thought to be, m
 _FOOT = 0.002  # above the support plane, m
 _SECTORS, _SLABS = 72, 12  # cells of the wall, around and down; each gives one median point
 _FEWEST = 4  # points of a cell that shows the wall
 _CELL_ERROR = 0.001  # standard deviation of a cell's median, m
-_ROUNDS = (0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.0)  # share of the height that is fitted
+_ROUNDS = (0.15, 0.3, 0.5, 0.75, 1.0, 1.0)  # share of the height that is fitted
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,9 @@ def face_points(views: list[View], region: Region, form: WallForm, height: float
         keep = outer | inner
         found.append(FacePoints(points[keep, :2].astype(float), below[keep].astype(float),
                                 inner[keep]))
-    return FacePoints(*(np.concatenate([getattr(f, name) for f in found])
-                        for name in ("xy", "below", "inner")))
+    every = FacePoints(*(np.concatenate([getattr(f, name) for f in found])
+                         for name in ("xy", "below", "inner")))
+    return every.chosen(np.arange(0, len(every.inner), len(every.inner) // _MOST_POINTS + 1))
 
 
 def fit_form(form: WallForm, xy: np.ndarray, scale: float) -> WallForm:
