@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from stack_counter import geometry, hull
+from stack_counter.coloring import color_mesh
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container import find_container
 from stack_counter.counting import make_count
@@ -197,7 +198,8 @@ class StackCounter:
             reasons.append("nothing_found")
         if container.kind == "none" and cut_everywhere(self._views, region):
             reasons.append("cut_by_image")
-        return self._volume(result, Geometric(result.container, region), mesh, *reasons)
+        return self._volume(result, Geometric(result.container, region),
+                            color_mesh(mesh, self._views), *reasons)
 
     def _from_labels(self) -> StackVolume:
         c = self._config
