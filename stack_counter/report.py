@@ -140,7 +140,8 @@ def draw_container(view: KeyView, container: Container) -> np.ndarray:
     pixels, _ = geometry.project(local, view.intrinsics)
     lines = np.round(2 * pixels + 0.5).astype(np.int32)  # (k, n, 2)
     for i in range(0, lines.shape[1], max(lines.shape[1] // 12, 1)):
-        cv2.polylines(picture, [np.ascontiguousarray(lines[:, i])], False, (0, 200, 255), 1, cv2.LINE_AA)
+        down = np.ascontiguousarray(lines[:, i])
+        cv2.polylines(picture, [down], False, (0, 200, 255), 1, cv2.LINE_AA)
     for ring, color in ((lines[0], (255, 80, 0)), (lines[-1], (0, 0, 255))):
         cv2.polylines(picture, [ring], True, color, 1, cv2.LINE_AA)
     return picture
