@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         if len(kept) < _COSTED:
             kept.append((scene, [replace(view, labels=None) for view in views]))
     print(f"{args.set}: {len(rows)} scenes, {args.views} views, seed {args.seed}")
-    print(table(rows))
+    print(table(rows), flush=True)  # cost takes minutes more
     figures = cost.measure(kept, args.seed)
     print(f"cost, {len(kept)} scenes:\n{cost.text(figures)}")
     if args.json:
