@@ -43,7 +43,9 @@ class Region:
 
     def holds(self, points: np.ndarray) -> np.ndarray:
         """(...) bool for (..., 3) world points, metres."""
-        return np.all((points >= self.low) & (points <= self.high), axis=-1)
+        x, y, z = np.moveaxis(points, -1, 0)  # axis by axis: several times faster than all at once
+        (x0, y0, z0), (x1, y1, z1) = self.low.tolist(), self.high.tolist()
+        return ((x >= x0) & (x <= x1) & (y >= y0) & (y <= y1) & (z >= z0) & (z <= z1))
 
     def joined(self, other: Region) -> Region:
         """The smallest region around both, with the support plane of this one."""
@@ -105,11 +107,14 @@ def find_region(views: list[View], config: ReconstructorConfig) -> Region:
 def _standing(points: np.ndarray, region: Region) -> np.ndarray:
     """Those of (n, 3) points that stand on the plane: alone by far, or with their neighbours."""
     above = points[:, 2] - region.plane_z
+    if not len(points):
+        return points
     cells = np.floor(points[:, :2] / _CELL).astype(np.int64)
-    _, cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    cell = cell.ravel()
-    mean = np.bincount(cell, above) / count
-    ground = np.abs(mean) < region.lowest
+    cells -= cells.min(axis=0)
+    cell = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
+    count = np.bincount(cell)
+    mean = np.bincount(cell, above) / np.maximum(count, 1)
+    ground = (np.abs(mean) < region.lowest) & (count > 0)
     noise = 1.4826 * np.median(np.abs(mean[ground])) if ground.any() else region.noise
     high = (mean > max(_LOWEST / 2, 5 * noise)) & (count >= _FEWEST)
     return points[(above > region.lowest) | (high[cell] & (above > 0))]

@@ -38,6 +38,7 @@ class Tsdf:
         self._max_weight = max_weight
         self._max_memory_mb = max_memory_mb
         self._trunc_voxels = trunc_voxels
+        self._views = 0
         self._depth_trunc = depth_trunc
         self._grid = o3d.t.geometry.VoxelBlockGrid(
             ("tsdf", "weight"), (o3c.float32, o3c.float32), [o3c.SizeVector([1])] * 2,
@@ -63,7 +64,9 @@ class Tsdf:
         wanted = o3d.t.geometry.Image(o3c.Tensor(np.where(surface, depth, 0).astype(np.float32)))
         settings = (1.0, self._depth_trunc, self._trunc_voxels)
         new = self._grid.compute_unique_block_coordinates(wanted, K, T_camera_world, *settings)
-        blocks = np.unique(np.concatenate([self._blocks(), new.numpy()]), axis=0)
+        # Looked up, not sorted: np.unique over rows takes as long as the fusion itself.
+        known = self._grid.hashmap().find(new)[1].numpy()
+        blocks = np.concatenate([self._blocks(), new.numpy()[~known]])
         needed = len(blocks) * _BLOCK**3 * _BYTES / 1e6
         if needed > self._max_memory_mb:
             raise ViewError("too_large", f"the volume needs {needed:.0f} MB at a voxel_size of "
@@ -71,8 +74,10 @@ class Tsdf:
                                          f"{self._max_memory_mb:.0f} MB (max_memory_mb)")
         if len(blocks):
             self._grid.integrate(o3c.Tensor(blocks), image, K, T_camera_world, *settings)
-            weights = self._grid.attribute("weight").numpy()  # shares the memory
-            np.minimum(weights, self._max_weight, out=weights)
+            self._views += 1
+            if self._views > self._max_weight:  # no weight can be above it before
+                weights = self._grid.attribute("weight").numpy()  # shares the memory
+                np.minimum(weights, self._max_weight, out=weights)
 
     def _blocks(self) -> np.ndarray:
         """(n, 3) int32 coordinates of the blocks that exist."""
