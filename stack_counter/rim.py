@@ -50,17 +50,13 @@ def find_rim(top: HeightMap, lowest: float, kind: str) -> Rim | None:
         lowest: what stands less high is not looked at, metres.
         kind: `box`, `round`, `free`, or `auto` for the simplest that fits.
     """
-    ring, height = _level_ring(top, lowest)
-    if np.count_nonzero(ring) < 20:
+    points, center, height = rim_points(top, lowest)
+    if not len(points):
         return None
-    points, center = _outermost(ring, top.pitch)
-    points = points @ top.T_world_map[:2, :2].T + top.T_world_map[:2, 3]
-    center = top.T_world_map[:2, :2] @ center + top.T_world_map[:2, 3]
     best, best_share = None, -1.0
     for form in _first_guesses(points, center, kind):
         form = fit_form(form, points, max(top.pitch, 0.0015) / 2)
-        inside = form.depth_inside(points, np.zeros(len(points)))
-        share = np.count_nonzero(np.abs(inside) < max(_CLOSE, top.pitch)) / _SECTORS
+        share = rim_share(form, points, top.pitch)
         if share > best_share + (_SIMPLER if best is not None else 0):
             best, best_share = form, share
     assert best is not None  # for the type checker
@@ -68,8 +64,36 @@ def find_rim(top: HeightMap, lowest: float, kind: str) -> Rim | None:
     return Rim(best.moved(outer), height, best_share, drop_share, inner - outer)
 
 
-def _level_ring(top: HeightMap, lowest: float) -> tuple[np.ndarray, float]:
-    """(rows, cols) bool of the cells level with the outer edge of the blob, and that height."""
+def rim_points(top: HeightMap, lowest: float, height: float = 0.0
+               ) -> tuple[np.ndarray, np.ndarray, float]:
+    """Outermost points of the rim of the largest thing in the map.
+
+    Args:
+        top: highest surface, heights above the support plane.
+        lowest: what stands less high is not looked at, metres.
+        height: of the rim above the support plane, metres; 0: found.
+
+    Returns:
+        At most one point in each sector, (n, 2) metres in the world (n = 0 where nothing stands),
+        their middle (2,), and the rim's height.
+    """
+    ring, height = _level_ring(top, lowest, height)
+    if np.count_nonzero(ring) < 20:
+        return np.zeros((0, 2)), np.zeros(2), height
+    points, center = _outermost(ring, top.pitch)
+    T = top.T_world_map
+    return points @ T[:2, :2].T + T[:2, 3], T[:2, :2] @ center + T[:2, 3], height
+
+
+def rim_share(form: WallForm, points: np.ndarray, pitch: float) -> float:
+    """Share of the sectors whose rim point (of `rim_points`) lies on a form's outline."""
+    inside = form.depth_inside(points, np.zeros(len(points)))
+    return np.count_nonzero(np.abs(inside) < max(_CLOSE, pitch)) / _SECTORS
+
+
+def _level_ring(top: HeightMap, lowest: float, height: float) -> tuple[np.ndarray, float]:
+    """(rows, cols) bool of the cells level with the outer edge of the blob (or with a given
+    height), and that height."""
     blob = np.nan_to_num(top.heights, nan=0.0) > lowest
     names, count = ndimage.label(ndimage.binary_closing(blob, iterations=2))
     if not count:
@@ -77,8 +101,10 @@ def _level_ring(top: HeightMap, lowest: float) -> tuple[np.ndarray, float]:
     blob &= names == np.argmax(np.bincount(names.ravel())[1:]) + 1
     filled = ndimage.binary_fill_holes(ndimage.binary_closing(blob, iterations=2))
     outline = filled & ~ndimage.binary_erosion(filled)
-    # A wall may be one cell wide: what counts is the highest thing next to the outline.
     heights = np.where(blob, top.heights, 0)
+    if height:
+        return blob & (np.abs(heights - height) < _LEVEL), height
+    # A wall may be one cell wide: what counts is the highest thing next to the outline.
     highest = ndimage.maximum_filter(heights, size=2 * int(np.ceil(_BAND / top.pitch)) + 1)
     level = np.round(highest[outline] / 0.001).astype(int)
     votes = np.convolve(np.bincount(level), np.ones(3), mode="same")
