@@ -17,14 +17,9 @@ from pathlib import Path
 from tqdm import tqdm
 
 from stack_counter import __version__
+from stack_counter.cli_container import add_container
 from stack_counter.config import Config, CounterConfig, build, load
-from stack_counter.container_catalogue import (
-    as_line,
-    catalogue_path,
-    configured_container,
-    load_containers,
-    save_container,
-)
+from stack_counter.container_catalogue import configured_container
 from stack_counter.counting import check_unit_volume
 from stack_counter.errors import (
     BagError,
@@ -76,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     info = commands.add_parser("info", help="topics, frames, views and problems of a bag")
     info.add_argument("bag", type=Path)
     info.set_defaults(run=_info)
-    _add_container(commands)
+    add_container(commands)
     _add_simulate(commands)
     return parser
 
@@ -104,29 +99,6 @@ def _add_replay(commands: argparse._SubParsersAction) -> None:
     replay.add_argument("--prompts", type=Path, metavar="FILE",
                         help="points or boxes for the prompted segmenter")
     replay.set_defaults(run=_replay)
-
-
-def _add_container(commands: argparse._SubParsersAction) -> None:
-    container = commands.add_parser("container", help="teach an empty container, or list them")
-    more = container.add_subparsers(required=True, metavar="teach | list")
-    teach = more.add_parser("teach", help="measure an empty container and store it")
-    teach.add_argument("name", type=_nonempty, metavar="NAME",
-                       help="what the setting `container` calls it")
-    teach.add_argument("bag", type=Path, metavar="BAG", help="recording of it, empty")
-    teach.add_argument("--config", type=Path, metavar="FILE", help="settings (ROS parameters)")
-    teach.add_argument("--out", type=Path, metavar="FILE",
-                       help="catalogue; default: the configured one, config/containers.yaml")
-    teach.set_defaults(run=_teach)
-    listing = more.add_parser("list", help="the taught containers")
-    listing.add_argument("catalogue", type=Path, nargs="?", metavar="FILE",
-                         help="default: config/containers.yaml")
-    listing.set_defaults(run=_list_containers)
-
-
-def _nonempty(text: str) -> str:
-    if not text.strip():
-        raise argparse.ArgumentTypeError(f"'{text}'; expected a name")
-    return text
 
 
 def _add_simulate(commands: argparse._SubParsersAction) -> None:
@@ -212,31 +184,6 @@ def _replay(options: argparse.Namespace) -> int:
         options.json.write_text(text + "\n")
     if options.report:
         write_report(options.report, result.count, result.counts)
-    return 0
-
-
-def _teach(options: argparse.Namespace) -> int:
-    config = load(options.config or config_path("stack_counter.yaml"))
-    if not options.bag.exists():
-        raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
-    path = options.out or catalogue_path(config.reconstructor)
-    if path.exists():
-        load_containers(path)  # or say what is wrong with it before the work
-    from stack_counter.bag.replay import teach
-
-    with tqdm(unit=" views", desc="teach", disable=not sys.stderr.isatty()) as bar:
-        taught = teach(options.bag, config, lambda: bar.update() and None)
-    save_container(options.name, taught, path)
-    print(f"{as_line(options.name, taught)}\nstored in {path}")
-    return 0
-
-
-def _list_containers(options: argparse.Namespace) -> int:
-    containers = load_containers(options.catalogue)
-    for name, taught in sorted(containers.items()):
-        print(as_line(name, taught))
-    if not containers:
-        print("no container taught yet: stack-counter container teach NAME BAG")
     return 0
 
 

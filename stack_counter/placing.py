@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,9 +11,9 @@ from stack_counter.container import MIN_RIM, from_wall, rim_map
 from stack_counter.container_catalogue import TaughtContainer
 from stack_counter.errors import ScanError
 from stack_counter.region import Region
-from stack_counter.rim import rim_points, rim_share
+from stack_counter.rim import rim_height, rim_points, rim_share
 from stack_counter.tsdf import TopView
-from stack_counter.types import Container, View
+from stack_counter.types import Container, HeightMap, View
 from stack_counter.wall_forms import WallForm, turn
 from stack_counter.walls import FacePoints, face_points, fit_form, fit_wall
 
@@ -82,38 +82,41 @@ def place_container(taught: TaughtContainer, view: TopView, views: list[View], r
         taught: its form and sizes.
         view: the fused surface.
         views: that it was fused from.
-        region: where to look; its `plane_z` is the support plane.
+        region: where to look. The support plane is taken to lie where the rim's height says, as
+            that is how the floor below the stack stands to the surface above it.
         voxel_size: metres.
         config: says where the pose comes from.
 
     Raises:
         ScanError: no rim of that outline at that height.
     """
-    if config.container_pose == "given":
-        form = Placed(taught.form, np.array(config.container_xyyaw))
-    else:
-        forms = _on_rim(taught, view, region, voxel_size, config.container)
-        points = face_points(views, region, forms[0], taught.rim_m)
-        form = min(forms, key=lambda form: _miss(form, points, taught.wall_m))
+    top = rim_map(view, region, voxel_size)
+    given = config.container_pose == "given"
+    forms = [Placed(taught.form, np.array(config.container_xyyaw))] if given \
+        else _on_rim(taught, top, region.lowest, config.container)
+    higher = rim_height(top, forms[0], taught.wall_m, taught.rim_m) - taught.rim_m
+    region = replace(region, plane_z=region.plane_z + higher)
+    form = forms[0]
+    if not given:
+        points = face_points(views, region, form, taught.rim_m)
+        form = min(forms, key=lambda f: _miss(f, points, taught.wall_m))
         fitted = fit_wall(form, points, taught.rim_m, taught.wall_m, _KNOWN, region.noise).form
         form = form.with_params(fitted.params)
     return from_wall(form, taught.wall_m, taught.rim_m, taught.floor_m, region.plane_z)
 
 
-def _on_rim(taught: TaughtContainer, view: TopView, region: Region, voxel_size: float, name: str
-            ) -> list[Placed]:
+def _on_rim(taught: TaughtContainer, top: HeightMap, lowest: float, name: str) -> list[Placed]:
     """The form in all the ways in which its outline meets the rim; an outline with symmetries
     does in several."""
-    top = rim_map(view, region, voxel_size)
-    points, middle, _ = rim_points(top, region.lowest, taught.rim_m)
+    points, middle, _ = rim_points(top, lowest, taught.rim_m)
     level, scale = np.zeros(len(points)), max(top.pitch, 0.0015) / 2
     turns = [Placed(taught.form, np.append(middle, yaw))
              for yaw in 2 * np.pi * np.arange(_TURNS) / _TURNS]
     # The logarithm: what hangs over the rim is far off.
     miss = np.array([np.log1p(np.abs(form.depth_inside(points, level)) / scale).sum()
                      for form in turns])
-    lowest = np.nonzero((miss <= np.roll(miss, 1)) & (miss <= np.roll(miss, -1)))[0]
-    chosen = lowest[np.argsort(miss[lowest], kind="stable")[:_REFINED]]
+    best = np.nonzero((miss <= np.roll(miss, 1)) & (miss <= np.roll(miss, -1)))[0]
+    chosen = best[np.argsort(miss[best], kind="stable")[:_REFINED]]
     forms = [turns[i].with_params(fit_form(turns[i], points, scale).params) for i in chosen]
     shares = [rim_share(form, points, top.pitch) for form in forms]
     if max(shares) < MIN_RIM:

@@ -144,6 +144,31 @@ def _first_guesses(points: np.ndarray, center: np.ndarray, kind: str) -> list[Wa
     return list(forms.values()) if kind == "auto" else [forms[kind]]
 
 
+def rim_height(top: HeightMap, form: WallForm, wall: float, height: float) -> float:
+    """Height of a rim whose outline is known, above the map's plane, metres.
+
+    Args:
+        top: highest surface.
+        form: its outline.
+        wall: thickness of the wall, metres.
+        height: about where it is, metres; returned where the rim does not show.
+    """
+    inside = _depth_inside(top, form)
+    rim = top.heights.ravel()[(inside > -_OUTSIDE) & (inside < wall + _OUTSIDE)]
+    for _ in range(2):  # what counts as level depends on the height
+        level = rim[np.abs(rim - height) < _LEVEL]
+        height = float(np.median(level)) if len(level) else height
+    return height
+
+
+def _depth_inside(top: HeightMap, form: WallForm) -> np.ndarray:
+    """(rows * cols,) metres that the cells' middles lie inside a form's outline at the rim."""
+    T = top.T_world_map
+    rows, cols = np.mgrid[:top.heights.shape[0], :top.heights.shape[1]]
+    xy = (np.stack([cols.ravel(), rows.ravel()], 1) + 0.5) * top.pitch @ T[:2, :2].T + T[:2, 3]
+    return form.depth_inside(xy, np.zeros(len(xy)))
+
+
 def _edges(top: HeightMap, form: WallForm, height: float) -> tuple[float, float, float]:
     """Share of the outline where the surface falls inside the ring, and the places of the ring's
     outer and inner edge, as distances inwards from the form's outline.
@@ -151,10 +176,7 @@ def _edges(top: HeightMap, form: WallForm, height: float) -> tuple[float, float,
     An edge is where the share of cells level with the rim crosses half of what it is on the rim:
     parts that reach the rim's height here and there do not hide that.
     """
-    T = top.T_world_map
-    rows, cols = np.mgrid[:top.heights.shape[0], :top.heights.shape[1]]
-    xy = (np.stack([cols.ravel(), rows.ravel()], 1) + 0.5) * top.pitch @ T[:2, :2].T + T[:2, 3]
-    inside = form.depth_inside(xy, np.zeros(len(xy)))
+    inside = _depth_inside(top, form)
     band = (inside > -_OUTSIDE) & (inside < 0.2 * inside.max())
     at = ((inside[band] + _OUTSIDE) / _PROFILE).astype(int)
     above = top.heights.ravel()[band] - height

@@ -66,7 +66,6 @@ def test_a_taught_container_gives_v_elsewhere(catalogue, name, shape, x, y, yaw,
     turned = np.arctan2(T[1, 0], T[0, 0]) - yaw
     if name == "tote":  # half a turn makes no difference
         turned *= 2
-    print(name, share, result.stack_volume / truth - 1, T[:2, 3] - [x, y], turned)
     assert T[:2, 3] == pytest.approx([x, y], abs=0.002)
     assert np.abs(np.angle(np.exp(1j * turned))) < np.deg2rad(1)
     assert result.stack_volume == pytest.approx(truth, rel=0.03)
@@ -78,7 +77,6 @@ def test_a_given_pose_is_used_as_given(catalogue):
                          container_pose="given", container_xyyaw=(0.05, 0.02, 0.4))
     T = result.container.T_world_container
     assert (T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])) == pytest.approx((0.05, 0.02, 0.4))
-    print(result.stack_volume / truth - 1)
     assert result.stack_volume == pytest.approx(truth, rel=0.03)
 
 
