@@ -18,7 +18,7 @@ from stack_counter.resources import config_path
 from stack_counter.types import StackVolume
 from stack_counter.wall_forms import BoxWall, FreeWall, RoundWall, WallForm
 
-_MOST_IN_IT = 0.01  # share of its capacity that an empty container may seem to hold
+_MOST_IN_IT = 0.02  # share of its capacity that an empty container may seem to hold
 _HEAD = """\
 # The container catalogue: what the setting `container` looks up.
 # Written by `stack-counter container teach NAME BAG`, which keeps entries but not your comments.
