@@ -12,7 +12,9 @@ import logging
 import sys
 import time
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
@@ -58,8 +60,22 @@ def _fail(error: Exception, code: int) -> int:
     return code
 
 
+class _Parser(argparse.ArgumentParser):
+    """Can take its arguments from a module, loaded only when its command is used: some bring in
+    libraries that take seconds."""
+
+    module = ""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        if self.module:
+            module, self.module = import_module(self.module), ""
+            module.add_arguments(self)
+            self.set_defaults(run=module.run)
+        return super().parse_known_args(args, namespace)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="stack-counter", description=(
+    parser = _Parser(prog="stack-counter", description=(
         "Counts identical parts stacked in a bin from a few posed views."))
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -73,6 +89,9 @@ def _parser() -> argparse.ArgumentParser:
     info.set_defaults(run=_info)
     add_container(commands)
     _add_simulate(commands)
+    measures = commands.add_parser("evaluate", help="measure errors on simulated scenes")
+    kinds = measures.add_subparsers(required=True, metavar="KIND")
+    kinds.add_parser("volume", help="of V and the container").module = "stack_counter.eval.volume"
     return parser
 
 

@@ -65,6 +65,10 @@ class ReconstructorConfig:
     live: bool = _setting(False, "volume after every view from the first on, not only at the end")
     voxel_size: float = _setting(0.002, "side of a voxel, m", 0.0002, 0.1)
     trunc_voxels: float = _setting(2.0, "sdf_trunc in voxels", 1.0, 20.0)
+    max_weight: float = _setting(20.0, "views that a voxel remembers: what is taken away is gone "
+                                       "after as many", 1.0, 1000.0)
+    max_memory_mb: float = _setting(1000.0, "memory of the voxels, MB; views that need more are "
+                                            "skipped", 10.0, 100000.0)
     depth_min: float = _setting(0.1, "nearest depth used, m", 0.0, 10.0)
     depth_trunc: float = _setting(3.0, "farthest depth used, m", 0.1, 20.0)
     roi_center_m: tuple[float, ...] = _setting((0.0, 0.0, 0.0),

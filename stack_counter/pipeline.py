@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from stack_counter import geometry, hull
+from stack_counter.coloring import color_mesh
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container import find_container
 from stack_counter.container_catalogue import configured_container
@@ -22,12 +23,14 @@ from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.placing import place_container
+from stack_counter.plausibility import check_agreement, cut_everywhere
 from stack_counter.region import Region, crop_to_region, find_region, grow, world_points
 from stack_counter.segmentation import Segmenter
 from stack_counter.segmentation.geometric import Geometric
 from stack_counter.segmentation.given import GivenLabels, label_image
 from stack_counter.tsdf import TopView, Tsdf
 from stack_counter.types import (
+    BACKGROUND,
     PARTS,
     Container,
     KeyView,
@@ -58,7 +61,8 @@ class StackCounter:
     def reset(self) -> None:
         """Forgets the scan."""
         c = self._config
-        self._tsdf = Tsdf(c.voxel_size, c.trunc_voxels, c.depth_trunc)
+        self._tsdf = Tsdf(c.voxel_size, c.trunc_voxels, c.depth_trunc, c.max_weight,
+                          c.max_memory_mb)
         self._region: Region | None = None
         self._views: list[View] = []  # used so far; once the region is known, cropped to it
         self._received = 0
@@ -163,8 +167,18 @@ class StackCounter:
         depth = smoothed(view.depth, self._region.noise)
         view = replace(view, depth=depth)
         surface = self._region.holds(world_points(view))
-        self._tsdf.integrate(depth, surface, view.intrinsics, view.T_world_camera)
+        seen = self._with_background(view)
+        self._tsdf.integrate(seen, surface, view.intrinsics, view.T_world_camera)
         return view
+
+    def _with_background(self, view: View) -> np.ndarray:
+        """Depth in which pixels labelled background are far away where there is none: a ray that
+        ends in the background proves its whole length empty."""
+        assert view.depth is not None  # for the type checker
+        if view.labels is None:
+            return view.depth
+        far = (view.labels == BACKGROUND) & (view.depth == 0)
+        return np.where(far, np.float32(0.99 * self._config.depth_trunc), view.depth)
 
     def _from_depth(self) -> StackVolume:
         if self._region is None:
@@ -172,6 +186,7 @@ class StackCounter:
             self._find_region()
         assert self._region is not None  # for the type checker
         region, pitch = self._region, self._config.voxel_size
+        check_agreement(self._views, region.noise)
         mesh = self._tsdf.extract_triangle_mesh(_MIN_SEEN)
         if not len(mesh.triangles):
             raise ScanError(f"no surface left after carving {len(self._views)} views; expected "
@@ -187,7 +202,10 @@ class StackCounter:
             reasons.append("low_coverage")
         if container.kind == "none" and result.stack_volume == 0:
             reasons.append("nothing_found")
-        return self._volume(result, Geometric(result.container, region), mesh, *reasons)
+        if container.kind == "none" and cut_everywhere(self._views, region):
+            reasons.append("cut_by_image")
+        return self._volume(result, Geometric(result.container, region),
+                            color_mesh(mesh, self._views), *reasons)
 
     def _from_labels(self) -> StackVolume:
         c = self._config

@@ -17,13 +17,17 @@ from stack_counter.types import View
 from stack_counter.wall_forms import WallForm
 
 _MOST_VIEWS = 24  # looked at, evenly spread over the scan
+_MOST_POINTS = 60_000  # in the fit, evenly chosen
 _EDGE = 0.003  # next to the rim, where points are neither face, m
 _REACH = 0.0025  # of a face on both sides of where it is thought to be, m
 _FOOT = 0.002  # above the support plane, m
 _SECTORS, _SLABS = 72, 12  # cells of the wall, around and down; each gives one median point
 _FEWEST = 4  # points of a cell that shows the wall
 _CELL_ERROR = 0.001  # standard deviation of a cell's median, m
-_ROUNDS = (0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.0)  # share of the height that is fitted
+# Containers stand: below what is seen, a wall does not close to a foot narrower than this share
+# of the rim, give or take.
+_FOOT_SHARE, _FOOT_STD = 0.35, 0.02
+_ROUNDS = (0.15, 0.3, 0.5, 0.75, 1.0, 1.0)  # share of the height that is fitted
 
 
 @dataclass(frozen=True)
@@ -84,8 +88,9 @@ def face_points(views: list[View], region: Region, form: WallForm, height: float
         keep = outer | inner
         found.append(FacePoints(points[keep, :2].astype(float), below[keep].astype(float),
                                 inner[keep]))
-    return FacePoints(*(np.concatenate([getattr(f, name) for f in found])
-                        for name in ("xy", "below", "inner")))
+    every = FacePoints(*(np.concatenate([getattr(f, name) for f in found])
+                         for name in ("xy", "below", "inner")))
+    return every.chosen(np.arange(0, len(every.inner), len(every.inner) // _MOST_POINTS + 1))
 
 
 def fit_form(form: WallForm, xy: np.ndarray, scale: float) -> WallForm:
@@ -116,7 +121,7 @@ def fit_wall(form: WallForm, points: FacePoints, height: float, thickness: float
     reach = max(_REACH, 1.5 * noise)
     for share in _ROUNDS:
         middle = _middles(wall, points, cell, reach, points.below < share * height)
-        wall = _refined(wall, points.chosen(middle), form, (thickness, thickness_std))
+        wall = _refined(wall, points.chosen(middle), form, (thickness, thickness_std), height)
     middle = _middles(wall, points, cell, reach, np.ones(len(points.below), bool))
     seen = points.chosen(middle)
     miss = np.abs(_misses(wall, seen))
@@ -157,17 +162,24 @@ def _middles(wall: Wall, points: FacePoints, cell: np.ndarray, reach: float, all
     return middle[faces.ravel()[names]]
 
 
-def _refined(wall: Wall, points: FacePoints, first: WallForm, prior: tuple[float, float]) -> Wall:
+def _refined(wall: Wall, points: FacePoints, first: WallForm, prior: tuple[float, float],
+             height: float) -> Wall:
     std = np.append(first.params_std, prior[1])
     expected = np.append(first.params, prior[0])
 
     def misses(params: np.ndarray) -> np.ndarray:
         moved = Wall(first.with_params(params[:-1]), params[-1])
-        return np.append(_misses(moved, points) / _CELL_ERROR,
-                         (params - expected) / std)
-    best = least_squares(misses, np.append(wall.form.params, wall.thickness), loss="soft_l1",
-                         x_scale=std).x
+        foot = np.ptp(moved.form.ring(height, 0.0)[:, 0]) / np.ptp(moved.form.ring(0.0, 0.0)[:, 0])
+        return np.concatenate([_soft(_misses(moved, points) / _CELL_ERROR),
+                               (params - expected) / std,
+                               [min(foot - _FOOT_SHARE, 0.0) / _FOOT_STD]])
+    best = least_squares(misses, np.append(wall.form.params, wall.thickness), x_scale=std).x
     return Wall(first.with_params(best[:-1]), max(float(best[-1]), 0.0))
+
+
+def _soft(errors: np.ndarray) -> np.ndarray:
+    """Residuals whose squares grow only linearly for large errors: some points are not walls."""
+    return np.sign(errors) * np.sqrt(2 * (np.sqrt(1 + errors**2) - 1))
 
 
 def _misses(wall: Wall, points: FacePoints) -> np.ndarray:

@@ -20,7 +20,8 @@ _STEP_NS = 10**9  # between two views
 
 
 def record(scene: Scene, views: int = 12, seed: int = 0, color: bool = True,
-           camera: DepthCamera | None = None) -> list[View]:
+           camera: DepthCamera | None = None, pose_sigma_m: float = 0.0005,
+           pose_sigma_deg: float = 0.05) -> list[View]:
     """Views of a scene; their poses are the reported ones, their pixels those of the true ones.
 
     Args:
@@ -28,11 +29,13 @@ def record(scene: Scene, views: int = 12, seed: int = 0, color: bool = True,
         seed: of the arc, the noise and the materials.
         color: render colour too (seconds a view).
         camera: noise model of the depth.
+        pose_sigma_m, pose_sigma_deg: noise of the reported poses, per axis.
     """
     random = np.random.default_rng([seed, scene.index, 0xA7])
     renderer, sensor = Renderer(scene), camera or DepthCamera()
-    return [_view(renderer, T, noisy_pose(T, random), (i + 1) * _STEP_NS, sensor, random,
-                  seed if color else None) for i, T in enumerate(arc(scene, views, random))]
+    return [_view(renderer, T, noisy_pose(T, random, pose_sigma_m, pose_sigma_deg),
+                  (i + 1) * _STEP_NS, sensor, random, seed if color else None)
+            for i, T in enumerate(arc(scene, views, random))]
 
 
 def watch(states: list[Scene], seed: int = 0, color: bool = True) -> list[View]:

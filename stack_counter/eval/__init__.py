@@ -1,0 +1,1 @@
+"""Errors of the pipeline and its parts, measured on simulated scenes: `stack-counter evaluate`."""
