@@ -19,7 +19,9 @@ from typing import Any
 from tqdm import tqdm
 
 from stack_counter import __version__
+from stack_counter.cli_container import add_container
 from stack_counter.config import Config, CounterConfig, build, load
+from stack_counter.container_catalogue import configured_container
 from stack_counter.counting import check_unit_volume
 from stack_counter.errors import (
     BagError,
@@ -85,6 +87,7 @@ def _parser() -> argparse.ArgumentParser:
     info = commands.add_parser("info", help="topics, frames, views and problems of a bag")
     info.add_argument("bag", type=Path)
     info.set_defaults(run=_info)
+    add_container(commands)
     _add_simulate(commands)
     measures = commands.add_parser("evaluate", help="measure errors on simulated scenes")
     kinds = measures.add_subparsers(required=True, metavar="KIND")
@@ -180,6 +183,7 @@ def _replay(options: argparse.Namespace) -> int:
         raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
     weights = config.counter.weights
     make_estimator(config.counter.estimator, Path(weights) if weights else None)  # or say why not
+    configured_container(config.reconstructor)  # or say why not
     from stack_counter.report import as_dict, as_text, write_report  # after the cheap checks
 
     with tqdm(unit=" views", desc="replay", disable=not sys.stderr.isatty()) as bar:

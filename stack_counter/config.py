@@ -75,6 +75,9 @@ class ReconstructorConfig:
                                                "centre of the region of interest, world, m")
     roi_size_m: tuple[float, ...] = _setting((0.0, 0.0, 0.0),
                                              "its size along world x y z, m; zeros: found", 0.0)
+    container: str = _setting("", "name of a taught container; empty: none")
+    container_catalogue: str = _setting("", "file of the taught containers; empty: "
+                                            "config/containers.yaml")
     container_kind: str = _setting("auto", "what holds the parts",
                                    choices=("auto", "box", "round", "free", "none"))
     container_inner_size_m: tuple[float, ...] = _setting(

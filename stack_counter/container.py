@@ -17,7 +17,7 @@ from stack_counter.wall_forms import BoxWall, RoundWall, WallForm
 from stack_counter.walls import Wall, face_points, fit_wall
 
 _MIN_HEIGHT = 0.006  # of a rim, m
-_MIN_RIM = 0.75  # share of the outline on which a rim must be seen
+MIN_RIM = 0.75  # share of the outline on which a rim must be seen
 _MIN_FACE = 0.8  # share of the outline on which one face of the wall must be seen
 _MIN_DROP = 0.1  # share of the outline on which the surface must fall inside the rim
 _MAX_SPREAD = 0.00045  # of the faces around their fit, without the depth's noise, m
@@ -51,7 +51,7 @@ def find_container(view: TopView, views: list[View], region: Region, voxel_size:
         return no_container(region)
     if config.container_pose == "given":
         return _configured(config, region)
-    rim = find_rim(_map(view, region, voxel_size), region.lowest, config.container_kind)
+    rim = find_rim(rim_map(view, region, voxel_size), region.lowest, config.container_kind)
     wall = None if rim is None else _wall(rim, views, region, config)
     if rim is not None and wall is not None and _is_container(rim, wall, region):
         return _container(wall.form, wall.thickness, rim.height, region, config)
@@ -60,7 +60,7 @@ def find_container(view: TopView, views: list[View], region: Region, voxel_size:
         raise ScanError(f"no {config.container_kind} container found: a level rim on {seen:.0%} "
                         f"of its outline, a wall below it on "
                         f"{0.0 if wall is None else max(wall.outer_share, wall.inner_share):.0%}; "
-                        f"expected {_MIN_RIM:.0%} and {_MIN_FACE:.0%}")
+                        f"expected {MIN_RIM:.0%} and {_MIN_FACE:.0%}")
     return no_container(region)
 
 
@@ -70,7 +70,8 @@ def no_container(region: Region) -> Container:
     return Container("none", geometry.pose(np.eye(3), np.append(centre[:2], region.plane_z)))
 
 
-def _map(view: TopView, region: Region, voxel_size: float) -> HeightMap:
+def rim_map(view: TopView, region: Region, voxel_size: float) -> HeightMap:
+    """Map of the region in which a rim is looked for."""
     size = (region.high - region.low)[:2]
     pitch = max(_PITCH, float(size.max()) / _MOST_CELLS, voxel_size / 2)
     rows, cols = (int(n) for n in np.ceil(size[::-1] / pitch))
@@ -95,7 +96,7 @@ def _wall(rim: Rim, views: list[View], region: Region, config: ReconstructorConf
 def _is_container(rim: Rim, wall: Wall, region: Region) -> bool:
     """A heap has no level rim, and nothing smooth and steep all around below it; a block has
     nothing inside."""
-    return (rim.share >= _MIN_RIM and max(wall.outer_share, wall.inner_share) >= _MIN_FACE
+    return (rim.share >= MIN_RIM and max(wall.outer_share, wall.inner_share) >= _MIN_FACE
             and wall.spread < _MAX_SPREAD + _NOISE_SPREAD * region.noise
             and (rim.drop_share >= _MIN_DROP or wall.inner_share >= _MIN_FACE))
 
@@ -155,7 +156,7 @@ def from_wall(form: WallForm, wall: float, height: float, floor: float, plane_z:
                              constant_values=z) for z in levels])
     width, length = np.ptp(rings[-1, :, :2], axis=0)
     return Container(form.kind, T, (float(width), float(length), height - floor), wall, floor,
-                     rings)
+                     rings, form.centred())
 
 
 def with_floor(container: Container, floor: float) -> Container:

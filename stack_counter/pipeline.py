@@ -18,9 +18,11 @@ from stack_counter import geometry, hull
 from stack_counter.coloring import color_mesh
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container import find_container
+from stack_counter.container_catalogue import configured_container
 from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.occupancy import OccupancyEstimator
+from stack_counter.placing import place_container
 from stack_counter.plausibility import check_agreement, cut_everywhere
 from stack_counter.region import Region, crop_to_region, find_region, grow, world_points
 from stack_counter.segmentation import Segmenter
@@ -50,7 +52,9 @@ class StackCounter:
     """Collects the views of one scan; says V, and with an estimator and a part the count."""
 
     def __init__(self, config: ReconstructorConfig):
+        """Raises `ConfigError` where the taught container that `config` names is not known."""
         self._config = config
+        self._taught = configured_container(config)
         self._min_views = 1 if config.live else config.min_views
         self.reset()
 
@@ -188,9 +192,11 @@ class StackCounter:
             raise ScanError(f"no surface left after carving {len(self._views)} views; expected "
                             "some: depth and poses disagree")
         top = TopView(mesh)
-        container = find_container(top, self._views, region, pitch, self._config)
-        result = measure(top, container, region, pitch,
-                         floor_known=self._config.container_floor_m > 0)
+        seen = (top, self._views, region, pitch, self._config)
+        container = find_container(*seen) if self._taught is None \
+            else place_container(self._taught, *seen)
+        floor_known = self._taught is not None or self._config.container_floor_m > 0
+        result = measure(top, container, region, pitch, floor_known)
         reasons = []
         if result.coverage < _LOW_COVERAGE:
             reasons.append("low_coverage")

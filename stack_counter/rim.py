@@ -50,17 +50,13 @@ def find_rim(top: HeightMap, lowest: float, kind: str) -> Rim | None:
         lowest: what stands less high is not looked at, metres.
         kind: `box`, `round`, `free`, or `auto` for the simplest that fits.
     """
-    ring, height = _level_ring(top, lowest)
-    if np.count_nonzero(ring) < 20:
+    points, center, height = rim_points(top, lowest)
+    if not len(points):
         return None
-    points, center = _outermost(ring, top.pitch)
-    points = points @ top.T_world_map[:2, :2].T + top.T_world_map[:2, 3]
-    center = top.T_world_map[:2, :2] @ center + top.T_world_map[:2, 3]
     best, best_share = None, -1.0
     for form in _first_guesses(points, center, kind):
         form = fit_form(form, points, max(top.pitch, 0.0015) / 2)
-        inside = form.depth_inside(points, np.zeros(len(points)))
-        share = np.count_nonzero(np.abs(inside) < max(_CLOSE, top.pitch)) / _SECTORS
+        share = rim_share(form, points, top.pitch)
         if share > best_share + (_SIMPLER if best is not None else 0):
             best, best_share = form, share
     assert best is not None  # for the type checker
@@ -68,8 +64,36 @@ def find_rim(top: HeightMap, lowest: float, kind: str) -> Rim | None:
     return Rim(best.moved(outer), height, best_share, drop_share, inner - outer)
 
 
-def _level_ring(top: HeightMap, lowest: float) -> tuple[np.ndarray, float]:
-    """(rows, cols) bool of the cells level with the outer edge of the blob, and that height."""
+def rim_points(top: HeightMap, lowest: float, height: float = 0.0
+               ) -> tuple[np.ndarray, np.ndarray, float]:
+    """Outermost points of the rim of the largest thing in the map.
+
+    Args:
+        top: highest surface, heights above the support plane.
+        lowest: what stands less high is not looked at, metres.
+        height: of the rim above the support plane, metres; 0: found.
+
+    Returns:
+        At most one point in each sector, (n, 2) metres in the world (n = 0 where nothing stands),
+        their middle (2,), and the rim's height.
+    """
+    ring, height = _level_ring(top, lowest, height)
+    if np.count_nonzero(ring) < 20:
+        return np.zeros((0, 2)), np.zeros(2), height
+    points, center = _outermost(ring, top.pitch)
+    T = top.T_world_map
+    return points @ T[:2, :2].T + T[:2, 3], T[:2, :2] @ center + T[:2, 3], height
+
+
+def rim_share(form: WallForm, points: np.ndarray, pitch: float) -> float:
+    """Share of the sectors whose rim point (of `rim_points`) lies on a form's outline."""
+    inside = form.depth_inside(points, np.zeros(len(points)))
+    return np.count_nonzero(np.abs(inside) < max(_CLOSE, pitch)) / _SECTORS
+
+
+def _level_ring(top: HeightMap, lowest: float, height: float) -> tuple[np.ndarray, float]:
+    """(rows, cols) bool of the cells level with the outer edge of the blob (or with a given
+    height), and that height."""
     blob = np.nan_to_num(top.heights, nan=0.0) > lowest
     names, count = ndimage.label(ndimage.binary_closing(blob, iterations=2))
     if not count:
@@ -77,8 +101,10 @@ def _level_ring(top: HeightMap, lowest: float) -> tuple[np.ndarray, float]:
     blob &= names == np.argmax(np.bincount(names.ravel())[1:]) + 1
     filled = ndimage.binary_fill_holes(ndimage.binary_closing(blob, iterations=2))
     outline = filled & ~ndimage.binary_erosion(filled)
-    # A wall may be one cell wide: what counts is the highest thing next to the outline.
     heights = np.where(blob, top.heights, 0)
+    if height:
+        return blob & (np.abs(heights - height) < _LEVEL), height
+    # A wall may be one cell wide: what counts is the highest thing next to the outline.
     highest = ndimage.maximum_filter(heights, size=2 * int(np.ceil(_BAND / top.pitch)) + 1)
     level = np.round(highest[outline] / 0.001).astype(int)
     votes = np.convolve(np.bincount(level), np.ones(3), mode="same")
@@ -118,6 +144,31 @@ def _first_guesses(points: np.ndarray, center: np.ndarray, kind: str) -> list[Wa
     return list(forms.values()) if kind == "auto" else [forms[kind]]
 
 
+def rim_height(top: HeightMap, form: WallForm, wall: float, height: float) -> float:
+    """Height of a rim whose outline is known, above the map's plane, metres.
+
+    Args:
+        top: highest surface.
+        form: its outline.
+        wall: thickness of the wall, metres.
+        height: about where it is, metres; returned where the rim does not show.
+    """
+    inside = _depth_inside(top, form)
+    rim = top.heights.ravel()[(inside > -_OUTSIDE) & (inside < wall + _OUTSIDE)]
+    for _ in range(2):  # what counts as level depends on the height
+        level = rim[np.abs(rim - height) < _LEVEL]
+        height = float(np.median(level)) if len(level) else height
+    return height
+
+
+def _depth_inside(top: HeightMap, form: WallForm) -> np.ndarray:
+    """(rows * cols,) metres that the cells' middles lie inside a form's outline at the rim."""
+    T = top.T_world_map
+    rows, cols = np.mgrid[:top.heights.shape[0], :top.heights.shape[1]]
+    xy = (np.stack([cols.ravel(), rows.ravel()], 1) + 0.5) * top.pitch @ T[:2, :2].T + T[:2, 3]
+    return form.depth_inside(xy, np.zeros(len(xy)))
+
+
 def _edges(top: HeightMap, form: WallForm, height: float) -> tuple[float, float, float]:
     """Share of the outline where the surface falls inside the ring, and the places of the ring's
     outer and inner edge, as distances inwards from the form's outline.
@@ -125,10 +176,7 @@ def _edges(top: HeightMap, form: WallForm, height: float) -> tuple[float, float,
     An edge is where the share of cells level with the rim crosses half of what it is on the rim:
     parts that reach the rim's height here and there do not hide that.
     """
-    T = top.T_world_map
-    rows, cols = np.mgrid[:top.heights.shape[0], :top.heights.shape[1]]
-    xy = (np.stack([cols.ravel(), rows.ravel()], 1) + 0.5) * top.pitch @ T[:2, :2].T + T[:2, 3]
-    inside = form.depth_inside(xy, np.zeros(len(xy)))
+    inside = _depth_inside(top, form)
     band = (inside > -_OUTSIDE) & (inside < 0.2 * inside.max())
     at = ((inside[band] + _OUTSIDE) / _PROFILE).astype(int)
     above = top.heights.ravel()[band] - height

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from stack_counter.wall_forms import WallForm
+
 BACKGROUND, CONTAINER, PARTS = 0, 1, 2  # the values of a label image
 UNSEEN = 255  # pixels that a rectified label image has and the camera had not
 # free: any open container with a level rim; hull: only an outline is known, no inner surface.
@@ -77,6 +79,7 @@ class Container:
         rings: (k, n, 3) counter-clockwise outlines of the inner wall, container frame, metres,
             from the support plane (below the floor) to the rim; None for `none` and `hull`, and
             in a container that came by message.
+        form: outer face of the wall, container frame; None as for `rings`.
     """
 
     kind: str
@@ -85,6 +88,7 @@ class Container:
     wall_thickness_m: float = 0.0
     floor_thickness_m: float = 0.0
     rings: np.ndarray | None = None
+    form: WallForm | None = None
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,12 @@ _ROUND_SIDES = 96  # corners of a round or free-form ring
 
 
 class WallForm(Protocol):
-    """What all forms can do; `kind` names the container kind."""
+    """What all forms can do."""
 
-    kind: ClassVar[str]
+    @property
+    def kind(self) -> str:
+        """One of `types.CONTAINER_KINDS`."""
+        ...
 
     @property
     def params(self) -> np.ndarray:
@@ -57,6 +60,10 @@ class WallForm(Protocol):
         """The form with its whole face moved inwards by so many metres."""
         ...
 
+    def centred(self) -> WallForm:
+        """The form in the container's own frame: its middle at 0, its yaw 0."""
+        ...
+
 
 @dataclass(frozen=True)
 class BoxWall:
@@ -82,7 +89,7 @@ class BoxWall:
 
     def _beside(self, xy: np.ndarray) -> np.ndarray:
         """(n, 4) distances inwards from the rim's sides -x, +x, -y, +y."""
-        x, y = ((xy - self.params[:2]) @ _turn(self.params[2])).T
+        x, y = ((xy - self.params[:2]) @ turn(self.params[2])).T
         a, b = self.params[3:5] / 2
         return np.stack([a + x, a - x, b + y, b - y], axis=1)
 
@@ -92,18 +99,22 @@ class BoxWall:
 
     def outward(self, xy: np.ndarray) -> np.ndarray:
         """See `WallForm`."""
-        normals = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]]) @ _turn(self.params[2]).T
+        normals = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]]) @ turn(self.params[2]).T
         return normals[self._beside(xy).argmin(axis=1)]
 
     def ring(self, below: float, inwards: float) -> np.ndarray:
         """See `WallForm`."""
         a, b = np.maximum(self.params[3:5] / 2 - inwards - self.params[5] * below, 1e-4)
         corners = np.array([[-a, -b], [a, -b], [a, b], [-a, b]])
-        return corners @ _turn(self.params[2]).T + self.params[:2]
+        return corners @ turn(self.params[2]).T + self.params[:2]
 
     def moved(self, inwards: float) -> BoxWall:
         """See `WallForm`."""
         return BoxWall(self.params - inwards * np.array([0, 0, 0, 2, 2, 0]))
+
+    def centred(self) -> BoxWall:
+        """See `WallForm`."""
+        return BoxWall(np.concatenate([np.zeros(3), self.params[3:]]))
 
 
 @dataclass(frozen=True)
@@ -154,6 +165,10 @@ class RoundWall:
     def moved(self, inwards: float) -> RoundWall:
         """See `WallForm`."""
         return RoundWall(self.params - inwards * np.array([0, 0, 1, 0, 0]))
+
+    def centred(self) -> RoundWall:
+        """See `WallForm`."""
+        return RoundWall(np.concatenate([np.zeros(2), self.params[2:]]))
 
 
 def fourier(angle: np.ndarray, orders: int) -> np.ndarray:
@@ -227,7 +242,12 @@ class FreeWall:
         """See `WallForm`; along the radius."""
         return FreeWall(self.params - inwards * np.eye(len(self.params))[0], self.center)
 
+    def centred(self) -> FreeWall:
+        """See `WallForm`."""
+        return FreeWall(self.params, np.zeros(2))
 
-def _turn(yaw: float) -> np.ndarray:
+
+def turn(yaw: float) -> np.ndarray:
+    """(2, 2) rotation of the plane."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s], [s, c]])
