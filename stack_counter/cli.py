@@ -91,7 +91,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_simulate(commands)
     measures = commands.add_parser("evaluate", help="measure errors on simulated scenes")
     kinds = measures.add_subparsers(required=True, metavar="KIND")
-    kinds.add_parser("volume", help="of V and the container").module = "stack_counter.eval.volume"
+    for kind, what in (("volume", "of V and the container"),
+                       ("benchmark", "of V beside the published rule, and cost")):
+        kinds.add_parser(kind, help=what).module = f"stack_counter.eval.{kind}"
     return parser
 
 
