@@ -23,7 +23,7 @@ from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.placing import place_container
-from stack_counter.plausibility import check_agreement, cut_everywhere
+from stack_counter.plausibility import check_agreement, cut_everywhere, other_container
 from stack_counter.region import Region, crop_to_region, find_region, grow, world_points
 from stack_counter.segmentation import Segmenter
 from stack_counter.segmentation.geometric import Geometric
@@ -64,6 +64,7 @@ class StackCounter:
         self._tsdf = Tsdf(c.voxel_size, c.trunc_voxels, c.depth_trunc, c.max_weight,
                           c.max_memory_mb)
         self._region: Region | None = None
+        self._rivals: str | None = None  # containers, where more than one is in sight
         self._views: list[View] = []  # used so far; once the region is known, cropped to it
         self._received = 0
         self._skipped: Counter[str] = Counter()
@@ -154,6 +155,8 @@ class StackCounter:
         except ScanError:
             return  # nothing in sight yet: later views may show it
         first, self._views = self._views, []
+        if not any(self._config.roi_size_m):
+            self._rivals = other_container(first, self._region)
         for view in first:
             try:
                 self._views.append(self._fuse(view))
@@ -187,6 +190,9 @@ class StackCounter:
         assert self._region is not None  # for the type checker
         region, pitch = self._region, self._config.voxel_size
         check_agreement(self._views, region.noise)
+        if self._rivals:
+            raise ScanError(f"two containers: {self._rivals}; expected one, or a region of "
+                            "interest (roi_center_m, roi_size_m) around one")
         mesh = self._tsdf.extract_triangle_mesh(_MIN_SEEN)
         if not len(mesh.triangles):
             raise ScanError(f"no surface left after carving {len(self._views)} views; expected "

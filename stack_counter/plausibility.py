@@ -1,4 +1,4 @@
-"""Whether a scan can be right at all: views that agree, and nothing cut off by the image."""
+"""Whether a scan can be right at all: views that agree, one container, and not cut off."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.errors import ScanError
-from stack_counter.region import Region, world_points
-from stack_counter.types import View
+from stack_counter.region import Region, largest_blob, world_points
+from stack_counter.rim import Rim, find_rim
+from stack_counter.types import HeightMap, View
 
 _STRIDE = 8  # pixels between the points that are compared
 _PAIRS = 12  # of views next to each other, at most
@@ -15,6 +16,9 @@ _SEEN_THROUGH = 0.02  # how far behind another view's point one must see to cont
 _CONTRADICTED = 0.25  # share of the points for which the views contradict each other
 _FEWEST = 50  # points that two views share
 _BORDER_PX = 3
+_COARSE = 4  # pixels between the points in which a second container is looked for
+_CELL = 0.004  # side of a cell of the map for that, m
+_SURE_RIM = 0.85  # share of its outline on which its rim must be seen
 _CUT = 0.02  # share of the image's border that shows something standing
 
 
@@ -68,3 +72,37 @@ def _cut(view: View, region: Region) -> bool:
     b = _BORDER_PX
     border = [standing[:b], standing[-b:], standing[:, :b], standing[:, -b:]]
     return bool(np.concatenate([x.ravel() for x in border]).mean() > _CUT)
+
+
+def other_container(views: list[View], region: Region) -> str | None:
+    """Where else a container stands, in words, if the region holds one and is not the only one.
+
+    Args:
+        views: whole images with depth, of the first views.
+        region: found around the largest thing in sight.
+    """
+    points = np.concatenate([p[np.isfinite(p[:, 2])] for p in
+                             (world_points(v, _COARSE).reshape(-1, 3) for v in views)])
+    points = points[points[:, 2] > region.plane_z + region.lowest]
+    inside = region.holds(points)
+    blobs = [points[inside], largest_blob(points[~inside])]
+    rims = [_coarse_rim(blob, region) for blob in blobs]
+    if any(rim is None for rim in rims):
+        return None
+    return " and ".join(f"one at x {rim.form.pose[0][0]:.2f}, y {rim.form.pose[0][1]:.2f} m"
+                        for rim in rims if rim is not None)
+
+
+def _coarse_rim(points: np.ndarray, region: Region) -> Rim | None:
+    """The rim that a few views' points show; None if they show none."""
+    if len(points) < _FEWEST:
+        return None
+    low = points[:, :2].min(axis=0) - 2 * _CELL
+    cells = ((points[:, :2] - low) / _CELL).astype(int)
+    heights = np.full(cells.max(axis=0)[::-1] + 3, -np.inf, np.float32)
+    np.maximum.at(heights, (cells[:, 1], cells[:, 0]), points[:, 2] - region.plane_z)
+    heights[np.isinf(heights)] = np.nan
+    T_world_map = geometry.pose(np.eye(3), np.append(low, region.plane_z))
+    rim = find_rim(HeightMap(T_world_map, _CELL, heights), region.lowest, "auto")
+    sure = rim is not None and rim.share >= _SURE_RIM and rim.form.kind in ("box", "round")
+    return rim if sure else None

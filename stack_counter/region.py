@@ -98,7 +98,7 @@ def find_region(views: list[View], config: ReconstructorConfig) -> Region:
         low = center - size / 2
         low[2] = min(low[2], plane_z - _MARGIN)
         return replace(everything, low=low, high=center + size / 2)
-    blob = _largest_blob(_standing(points, everything))
+    blob = largest_blob(_standing(points, everything))
     if not len(blob):
         return everything
     return _around(blob, everything)
@@ -130,7 +130,7 @@ def grow(region: Region, view: View) -> Region:
     """The region with what this view shows standing across its border taken in."""
     points = world_points(view, _STRIDE).reshape(-1, 3)
     around = replace(region, low=region.low - _GROWTH, high=region.high + _GROWTH)
-    blob = _largest_blob(_standing(points[around.holds(points)], region))
+    blob = largest_blob(_standing(points[around.holds(points)], region))
     if not len(blob) or not region.holds(blob).any():
         return region
     return region.joined(_around(blob, region))
@@ -164,7 +164,7 @@ def _support_plane(points: np.ndarray) -> tuple[float, float]:
     return height, float(1.4826 * np.median(np.abs(near - height)))
 
 
-def _largest_blob(points: np.ndarray) -> np.ndarray:
+def largest_blob(points: np.ndarray) -> np.ndarray:
     """The points of the connected footprint that holds the most of them."""
     if not len(points):
         return points
