@@ -45,6 +45,9 @@ from stack_counter.volume import Measure, measure
 _FIRST_VIEWS = 3  # the region of interest is found from this many
 _MIN_SEEN = 1  # views that must have seen a surface
 _LOW_COVERAGE = 0.7
+_COARSEST, _FINEST = 0.002, 0.001  # voxels, m; the first for parts and containers of any size
+_MOST_VOXELS = 400  # along a side of the region before they become larger than that
+_PER_PART = 4  # voxels in the cube root of a part's volume
 _KEY_STRIDE = 4  # pixels between those counted to choose the key view
 
 
@@ -58,11 +61,10 @@ class StackCounter:
         self._min_views = 1 if config.live else config.min_views
         self.reset()
 
-    def reset(self) -> None:
-        """Forgets the scan."""
-        c = self._config
-        self._tsdf = Tsdf(c.voxel_size, c.trunc_voxels, c.depth_trunc, c.max_weight,
-                          c.max_memory_mb)
+    def reset(self, unit_volume: float = 0.0) -> None:
+        """Forgets the scan; the next one is of parts of `unit_volume` (m3; 0: not known)."""
+        self._unit_volume = unit_volume
+        self._tsdf: Tsdf | None = None  # once it is known where the stack is
         self._region: Region | None = None
         self._rivals: str | None = None  # containers, where more than one is in sight
         self._views: list[View] = []  # used so far; once the region is known, cropped to it
@@ -154,7 +156,9 @@ class StackCounter:
             self._region = find_region(self._views, self._config)
         except ScanError:
             return  # nothing in sight yet: later views may show it
-        first, self._views = self._views, []
+        c, first, self._views = self._config, self._views, []
+        size = c.voxel_size or automatic_voxel_size(self._region, self._unit_volume)
+        self._tsdf = Tsdf(size, c.trunc_voxels, c.depth_trunc, c.max_weight, c.max_memory_mb)
         if not any(self._config.roi_size_m):
             self._rivals = other_container(first, self._region)
         for view in first:
@@ -164,7 +168,7 @@ class StackCounter:
                 self._skipped[error.reason] += 1
 
     def _fuse(self, view: View) -> View:
-        assert self._region is not None  # for the type checker
+        assert self._region is not None and self._tsdf is not None  # for the type checker
         view = crop_to_region(view, self._region)
         assert view.depth is not None  # for the type checker
         depth = smoothed(view.depth, self._region.noise)
@@ -187,8 +191,8 @@ class StackCounter:
         if self._region is None:
             self._region = find_region(self._views, self._config)  # says what is missing
             self._find_region()
-        assert self._region is not None  # for the type checker
-        region, pitch = self._region, self._config.voxel_size
+        assert self._region is not None and self._tsdf is not None  # for the type checker
+        region, pitch = self._region, self._tsdf.voxel_size
         check_agreement(self._views, region.noise)
         if self._rivals:
             raise ScanError(f"two containers: {self._rivals}; expected one, or a region of "
@@ -215,7 +219,7 @@ class StackCounter:
 
     def _from_labels(self) -> StackVolume:
         c = self._config
-        carved = hull.carve(self._views, c.voxel_size, c.hull_min_share)
+        carved = hull.carve(self._views, c.voxel_size or _COARSEST, c.hull_min_share)
         container = Container("hull", geometry.pose(np.eye(3), carved.middle))
         # An outline's error of one pixel moves the surface by about half a voxel.
         skin = len(carved.surface) * carved.voxel_size**3
@@ -240,6 +244,13 @@ class StackCounter:
             yield
         finally:
             self._seconds[stage] += time.perf_counter() - start
+
+
+def automatic_voxel_size(region: Region, unit_volume: float) -> float:
+    """Side of a voxel, m: of a size that all calibrations were made for, larger in a large region,
+    smaller for parts (m3; 0: not known) that are only a few of them wide."""
+    size = max(_COARSEST, float((region.high - region.low)[:2].max()) / _MOST_VOXELS)
+    return min(size, max(unit_volume ** (1 / 3) / _PER_PART, _FINEST)) if unit_volume else size
 
 
 def smoothed(depth: np.ndarray, noise: float) -> np.ndarray:

@@ -59,6 +59,7 @@ def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
     estimator = make_estimator(config.counter.estimator,
                                Path(config.counter.weights) if config.counter.weights else None)
     stack = StackCounter(config.reconstructor)
+    stack.reset(unit_volume)
     loaded = time.perf_counter()
     confidence, counts = config.counter.confidence, []
 

@@ -24,6 +24,7 @@ from stack_counter.types import Intrinsics, View
 LARGE = Intrinsics(1280, 720, 915.0, 915.0, 639.5, 359.5)
 _LONG = 60  # views of the long scan
 _FIRST = 3  # views after which the region is known
+_VOXEL_M = 0.002  # of both
 _ROUNDS = 3  # of which the fastest counts: the machine may be shared
 # Open3D's own defaults: blocks of 16 voxels, sdf_trunc of 8.
 _BARE = {"bare_s": (16, 8.0), "bare_our_blocks_s": (8, ReconstructorConfig().trunc_voxels)}
@@ -38,7 +39,7 @@ def cost_of_views(views: list[View]) -> dict[str, float]:
     Raises:
         ScanError: no V.
     """
-    rounds = [{"fused_s": _seconds(StackCounter(ReconstructorConfig()).add_view, views),
+    rounds = [{"fused_s": _seconds(StackCounter(ReconstructorConfig(voxel_size=_VOXEL_M)).add_view, views),
                **{name: _seconds(_bare(*how), views) for name, how in _BARE.items()},
                "finish_s": _finish(views)} for _ in range(_ROUNDS)]
     return {name: float(np.median(np.min([r[name] for r in rounds], axis=0)))
@@ -56,7 +57,7 @@ def _seconds(step: Callable[[View], None], views: list[View]) -> list[float]:
 
 
 def _bare(block: int, trunc: float) -> Callable[[View], None]:
-    config = ReconstructorConfig()
+    config = ReconstructorConfig(voxel_size=_VOXEL_M)
     grid = o3d.t.geometry.VoxelBlockGrid(
         ("tsdf", "weight"), (o3c.float32, o3c.float32), [o3c.SizeVector([1])] * 2,
         config.voxel_size, block, 20_000, o3c.Device("CPU:0"))
@@ -72,7 +73,7 @@ def _bare(block: int, trunc: float) -> Callable[[View], None]:
 
 
 def _finish(views: list[View]) -> list[float]:
-    stack = StackCounter(ReconstructorConfig())
+    stack = StackCounter(ReconstructorConfig(voxel_size=_VOXEL_M))
     for view in views:
         stack.add_view(view)
     start = time.perf_counter()
