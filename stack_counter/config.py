@@ -63,8 +63,8 @@ class ReconstructorConfig:
     min_views: int = _setting(3, "fewest views for a volume", 1, 1000)
     max_views: int = _setting(200, "views beyond this number are skipped", 1, 10000)
     live: bool = _setting(False, "volume after every view from the first on, not only at the end")
-    voxel_size: float = _setting(0.0, "side of a voxel, m; 0: 2 mm, less for small parts, more for "
-                                       "large containers", 0.0, 0.1)
+    voxel_size: float = _setting(0.0, "side of a voxel, m; 0: 2 mm, less for small parts, more "
+                                       "for large containers", 0.0, 0.1)
     trunc_voxels: float = _setting(2.0, "sdf_trunc in voxels", 1.0, 20.0)
     max_weight: float = _setting(20.0, "views that a voxel remembers: what is taken away is gone "
                                        "after as many", 1.0, 1000.0)

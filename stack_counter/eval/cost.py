@@ -39,7 +39,8 @@ def cost_of_views(views: list[View]) -> dict[str, float]:
     Raises:
         ScanError: no V.
     """
-    rounds = [{"fused_s": _seconds(StackCounter(ReconstructorConfig(voxel_size=_VOXEL_M)).add_view, views),
+    config = ReconstructorConfig(voxel_size=_VOXEL_M)
+    rounds = [{"fused_s": _seconds(StackCounter(config).add_view, views),
                **{name: _seconds(_bare(*how), views) for name, how in _BARE.items()},
                "finish_s": _finish(views)} for _ in range(_ROUNDS)]
     return {name: float(np.median(np.min([r[name] for r in rounds], axis=0)))
