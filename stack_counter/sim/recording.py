@@ -20,19 +20,21 @@ _STEP_NS = 10**9  # between two views
 
 
 def record(scene: Scene, views: int = 12, seed: int = 0, color: bool = True,
-           camera: DepthCamera | None = None) -> list[View]:
+           camera: DepthCamera | None = None, labels: bool = False) -> list[View]:
     """Views of a scene; their poses are the reported ones, their pixels those of the true ones.
 
     Args:
         views: how many.
         seed: of the arc, the noise and the materials.
         color: render colour too (seconds a view).
-        camera: noise model of the depth.
+        camera: noise model of the depth; with the same seed each sees the same poses.
+        labels: with label images as a perfect segmenter gives them.
     """
     random = np.random.default_rng([seed, scene.index, 0xA7])
     renderer, sensor = Renderer(scene), camera or DepthCamera()
-    return [_view(renderer, T, noisy_pose(T, random), (i + 1) * _STEP_NS, sensor, random,
-                  seed if color else None) for i, T in enumerate(arc(scene, views, random))]
+    taken = [_view(renderer, T, noisy_pose(T, random), (i + 1) * _STEP_NS, sensor, random,
+                   seed if color else None) for i, T in enumerate(arc(scene, views, random))]
+    return taken if labels else [replace(view, labels=None) for view in taken]
 
 
 def watch(states: list[Scene], seed: int = 0, color: bool = True) -> list[View]:
@@ -46,15 +48,16 @@ def watch(states: list[Scene], seed: int = 0, color: bool = True) -> list[View]:
     T, sensor = arc(states[0], 1, random)[0], DepthCamera()
     reported = noisy_pose(T, random)
     return [replace(_view(Renderer(state), T, reported, (i + 1) * _STEP_NS, sensor, random,
-                          seed if color else None), fixed=True) for i, state in enumerate(states)]
+                          seed if color else None), labels=None, fixed=True)
+            for i, state in enumerate(states)]
 
 
 def _view(renderer: Renderer, T: np.ndarray, reported: np.ndarray, stamp_ns: int,
           sensor: DepthCamera, random: np.random.Generator, materials: int | None) -> View:
-    depth, _ = renderer.depth_and_labels(CAMERA, T)
+    depth, labels = renderer.depth_and_labels(CAMERA, T)
     return View(
         stamp_ns=stamp_ns, intrinsics=CAMERA, T_world_camera=reported, camera=FRAME,
-        depth=sensor.measure(depth, CAMERA, random),
+        depth=sensor.measure(depth, CAMERA, random), labels=labels,
         color=None if materials is None else renderer.color(CAMERA, T, materials))
 
 
