@@ -12,12 +12,16 @@ import logging
 import sys
 import time
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
 from stack_counter import __version__
+from stack_counter.cli_container import add_container
 from stack_counter.config import Config, CounterConfig, build, load
+from stack_counter.container_catalogue import configured_container
 from stack_counter.counting import check_unit_volume
 from stack_counter.errors import (
     BagError,
@@ -56,8 +60,22 @@ def _fail(error: Exception, code: int) -> int:
     return code
 
 
+class _Parser(argparse.ArgumentParser):
+    """Can take its arguments from a module, loaded only when its command is used: some bring in
+    libraries that take seconds."""
+
+    module = ""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        if self.module:
+            module, self.module = import_module(self.module), ""
+            module.add_arguments(self)
+            self.set_defaults(run=module.run)
+        return super().parse_known_args(args, namespace)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="stack-counter", description=(
+    parser = _Parser(prog="stack-counter", description=(
         "Counts identical parts stacked in a bin from a few posed views."))
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -69,7 +87,13 @@ def _parser() -> argparse.ArgumentParser:
     info = commands.add_parser("info", help="topics, frames, views and problems of a bag")
     info.add_argument("bag", type=Path)
     info.set_defaults(run=_info)
+    add_container(commands)
     _add_simulate(commands)
+    measures = commands.add_parser("evaluate", help="measure errors on simulated scenes")
+    kinds = measures.add_subparsers(required=True, metavar="KIND")
+    for kind, what in (("volume", "of V and the container"),
+                       ("benchmark", "of V beside the published rule, and cost")):
+        kinds.add_parser(kind, help=what).module = f"stack_counter.eval.{kind}"
     return parser
 
 
@@ -161,6 +185,7 @@ def _replay(options: argparse.Namespace) -> int:
         raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
     weights = config.counter.weights
     make_estimator(config.counter.estimator, Path(weights) if weights else None)  # or say why not
+    configured_container(config.reconstructor)  # or say why not
     from stack_counter.report import as_dict, as_text, write_report  # after the cheap checks
 
     with tqdm(unit=" views", desc="replay", disable=not sys.stderr.isatty()) as bar:

@@ -63,15 +63,24 @@ class ReconstructorConfig:
     min_views: int = _setting(3, "fewest views for a volume", 1, 1000)
     max_views: int = _setting(200, "views beyond this number are skipped", 1, 10000)
     live: bool = _setting(False, "volume after every view from the first on, not only at the end")
-    voxel_size: float = _setting(0.002, "side of a voxel, m", 0.0002, 0.1)
+    voxel_size: float = _setting(0.0, "side of a voxel, m; 0: 2 mm, less for small parts, more "
+                                       "for large containers", 0.0, 0.1)
     trunc_voxels: float = _setting(2.0, "sdf_trunc in voxels", 1.0, 20.0)
+    max_weight: float = _setting(20.0, "views that a voxel remembers: what is taken away is gone "
+                                       "after as many", 1.0, 1000.0)
+    max_memory_mb: float = _setting(1000.0, "memory of the voxels, MB; views that need more are "
+                                            "skipped", 10.0, 100000.0)
     depth_min: float = _setting(0.1, "nearest depth used, m", 0.0, 10.0)
     depth_trunc: float = _setting(3.0, "farthest depth used, m", 0.1, 20.0)
     roi_center_m: tuple[float, ...] = _setting((0.0, 0.0, 0.0),
                                                "centre of the region of interest, world, m")
     roi_size_m: tuple[float, ...] = _setting((0.0, 0.0, 0.0),
                                              "its size along world x y z, m; zeros: found", 0.0)
-    container_kind: str = _setting("auto", "what holds the parts", choices=("auto", "box", "none"))
+    container: str = _setting("", "name of a taught container; empty: none")
+    container_catalogue: str = _setting("", "file of the taught containers; empty: "
+                                            "config/containers.yaml")
+    container_kind: str = _setting("auto", "what holds the parts",
+                                   choices=("auto", "box", "round", "free", "none"))
     container_inner_size_m: tuple[float, ...] = _setting(
         (0.0, 0.0, 0.0), "inner x, y and floor-to-rim height, m; zeros: measured", 0.0)
     container_wall_m: float = _setting(0.0, "wall thickness, m; 0: measured", 0.0, 0.2)

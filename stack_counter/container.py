@@ -1,78 +1,66 @@
-"""Finds an upright box-shaped bin, at any position and yaw, from the surface seen from above.
-
-The rim is what a bin has and a heap has not: a level ring with a drop on its inner side.
-"""
+"""The container of a scan: as configured, as found in the fused surface and the views, or none."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
-import cv2
 import numpy as np
-from scipy import ndimage
 
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.region import Region
+from stack_counter.rim import Rim, find_rim
 from stack_counter.tsdf import TopView
-from stack_counter.types import Container, HeightMap
+from stack_counter.types import Container, HeightMap, View
+from stack_counter.wall_forms import BoxWall, RoundWall, WallForm
+from stack_counter.walls import Wall, face_points, fit_wall
 
-_LEVEL = 0.003  # how level a rim is, m
-_BAND = 0.006  # how far from the outline the rim is looked for, m
-_STEP = 0.0005  # sampling across the rim, m
-_REACH = 0.020  # how far on both sides of the first guess an edge is looked for, m
-_MIN_HEIGHT = 0.02  # of a rim that is found by itself, m
-_STRAIGHT = 0.004  # how straight an edge is, m
-_MIN_RIM = 0.5  # share of the outline on which a rim must be seen
-_MIN_DROP = 0.15  # share of the outline on which the drop inside the rim must be seen
-
-
-@dataclass(frozen=True)
-class _Rim:
-    """A level rectangular ring in the world: frame at its centre on the support plane, outer
-    size, height above the plane, the inner edges' distance from the outer ones (or NaN) for the
-    sides -x, +x, -y, +y, and the shares of the outline where rim and drop were seen."""
-
-    T_world_rim: np.ndarray
-    outer: np.ndarray
-    height: float
-    walls: np.ndarray
-    rim_share: float
-    drop_share: float
+_MIN_HEIGHT = 0.006  # of a rim, m
+MIN_RIM = 0.75  # share of the outline on which a rim must be seen
+_MIN_FACE = 0.8  # share of the outline on which one face of the wall must be seen
+_MIN_DROP = 0.1  # share of the outline on which the surface must fall inside the rim
+_MAX_SPREAD = 0.00045  # of the faces around their fit, without the depth's noise, m
+_NOISE_SPREAD = 0.3  # and what each metre of that adds
+_PITCH = 0.001  # of the map in which the rim is looked for, m
+_MOST_CELLS = 400  # along a side of that map
+_LEVELS = 17  # outlines of a wall, from the support plane to the rim
+_RIM_ERROR = 0.001  # standard deviation of a wall's thickness measured on its rim, m
+_UNKNOWN_WALL = (0.004, 0.01)  # thickness that is assumed where nothing shows it, and its error
 
 
-def find_container(view: TopView, region: Region, pitch: float, config: ReconstructorConfig
-                   ) -> Container:
+def find_container(view: TopView, views: list[View], region: Region, voxel_size: float,
+                   config: ReconstructorConfig) -> Container:
     """The container as configured, or as found.
 
     Args:
         view: the fused surface.
+        views: that it was fused from.
         region: where to look; its `plane_z` is the support plane.
-        pitch: side of a cell of the map that is searched, m: the voxel's.
+        voxel_size: metres.
         config: `container_*` settings; zeros are measured.
 
     Returns:
-        A container of kind `box` or `none`. The floor's thickness is the configured one, else
-        the wall's.
+        A container of kind `box`, `round`, `free` or `none`. The floor's thickness is the
+        configured one, else the wall's.
 
     Raises:
-        ScanError: a box is configured and no rim is found.
+        ScanError: a kind is configured and no such rim is found.
     """
     if config.container_kind == "none":
         return no_container(region)
     if config.container_pose == "given":
         return _configured(config, region)
-    rim = _find_rim(view, region, pitch)
-    seen = rim is not None and rim.rim_share >= _MIN_RIM and (
-        rim.drop_share >= _MIN_DROP or config.container_wall_m > 0
-        or np.any(config.container_inner_size_m))
-    if rim is not None and seen:
-        return _from_rim(rim, config)
-    if config.container_kind == "box":
-        shares = (0.0, 0.0) if rim is None else (rim.rim_share, rim.drop_share)
-        raise ScanError(f"no box-shaped rim found: level on {shares[0]:.0%} of the outline, drop "
-                        f"inside on {shares[1]:.0%}; expected {_MIN_RIM:.0%} and {_MIN_DROP:.0%}")
+    rim = find_rim(rim_map(view, region, voxel_size), region.lowest, config.container_kind)
+    wall = None if rim is None else _wall(rim, views, region, config)
+    if rim is not None and wall is not None and _is_container(rim, wall, region):
+        return _container(wall.form, wall.thickness, rim.height, region, config)
+    if config.container_kind != "auto":
+        seen = 0.0 if rim is None else rim.share
+        raise ScanError(f"no {config.container_kind} container found: a level rim on {seen:.0%} "
+                        f"of its outline, a wall below it on "
+                        f"{0.0 if wall is None else max(wall.outer_share, wall.inner_share):.0%}; "
+                        f"expected {MIN_RIM:.0%} and {_MIN_FACE:.0%}")
     return no_container(region)
 
 
@@ -82,136 +70,97 @@ def no_container(region: Region) -> Container:
     return Container("none", geometry.pose(np.eye(3), np.append(centre[:2], region.plane_z)))
 
 
-def _upright(x: float, y: float, z: float, yaw: float) -> np.ndarray:
-    c, s = np.cos(yaw), np.sin(yaw)
-    return geometry.pose(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([x, y, z]))
+def rim_map(view: TopView, region: Region, voxel_size: float) -> HeightMap:
+    """Map of the region in which a rim is looked for."""
+    size = (region.high - region.low)[:2]
+    pitch = max(_PITCH, float(size.max()) / _MOST_CELLS, voxel_size / 2)
+    rows, cols = (int(n) for n in np.ceil(size[::-1] / pitch))
+    T_world_map = geometry.pose(np.eye(3), np.append(region.low[:2], region.plane_z))
+    return view.heights(T_world_map, pitch, (rows, cols))
+
+
+def _wall(rim: Rim, views: list[View], region: Region, config: ReconstructorConfig
+          ) -> Wall | None:
+    if rim.height < _MIN_HEIGHT:
+        return None
+    if config.container_wall_m > 0:
+        known = (config.container_wall_m, 1e-6)
+    elif np.isfinite(rim.width):
+        known = (rim.width, _RIM_ERROR)
+    else:
+        known = _UNKNOWN_WALL
+    points = face_points(views, region, rim.form, rim.height)
+    return fit_wall(rim.form, points, rim.height, *known, noise=region.noise)
+
+
+def _is_container(rim: Rim, wall: Wall, region: Region) -> bool:
+    """A heap has no level rim, and nothing smooth and steep all around below it; a block has
+    nothing inside."""
+    return (rim.share >= MIN_RIM and max(wall.outer_share, wall.inner_share) >= _MIN_FACE
+            and wall.spread < _MAX_SPREAD + _NOISE_SPREAD * region.noise
+            and (rim.drop_share >= _MIN_DROP or wall.inner_share >= _MIN_FACE))
+
+
+def _container(form: WallForm, wall: float, height: float, region: Region,
+               config: ReconstructorConfig) -> Container:
+    """Container of a fitted wall; configured sizes replace the fitted ones."""
+    size = config.container_inner_size_m
+    if size[0] and isinstance(form, BoxWall):
+        form = _resized(form, np.array(size[:2]) + 2 * wall)
+    if size[0] and isinstance(form, RoundWall):
+        form = RoundWall(np.array([*form.params[:2], size[0] / 2 + wall, *form.params[3:]]))
+    floor = config.container_floor_m or wall
+    if size[2]:
+        floor = config.container_floor_m or max(height - size[2], 0.0)
+        height = floor + size[2]
+    return from_wall(form, wall, height, floor, region.plane_z)
+
+
+def _resized(form: BoxWall, size: np.ndarray) -> BoxWall:
+    """With sides of `size`, the longer one where the longer one was found."""
+    x, y, yaw, a, b, draft = form.params
+    if (size[0] > size[1]) != (a > b):
+        yaw += np.pi / 2
+    return BoxWall(np.array([x, y, yaw, *size, draft]))
 
 
 def _configured(config: ReconstructorConfig, region: Region) -> Container:
-    if not all(config.container_inner_size_m):
-        raise ScanError(f"container_inner_size_m is {config.container_inner_size_m}; a container "
-                        "whose pose is given needs three sizes above 0")
-    x, y, yaw = config.container_xyyaw
-    a, b, height = config.container_inner_size_m
-    return Container("box", _upright(x, y, region.plane_z, yaw), (a, b, height),
-                     config.container_wall_m, config.container_floor_m or config.container_wall_m)
-
-
-def _from_rim(rim: _Rim, config: ReconstructorConfig) -> Container:
-    """Inner size from the inner edges; where parts hide one, from the other sides' walls."""
-    measured = rim.walls[np.isfinite(rim.walls)]
-    wall = config.container_wall_m or (float(np.median(measured)) if len(measured) else 0.0)
-    walls = np.where(np.isfinite(rim.walls), rim.walls, wall)
-    if config.container_wall_m:
-        walls = np.full(4, wall)
-    inner = rim.outer - [walls[0] + walls[1], walls[2] + walls[3]]
-    centre = np.array([walls[0] - walls[1], walls[2] - walls[3], 0.0]) / 2
-    T = rim.T_world_rim @ geometry.pose(np.eye(3), centre)
+    size = config.container_inner_size_m
+    if not all(size) or config.container_kind == "free":
+        raise ScanError(f"container_kind is {config.container_kind} and container_inner_size_m "
+                        f"{size}; a container whose pose is given needs three sizes above 0 and "
+                        "the kind box or round")
+    (x, y, yaw), wall = config.container_xyyaw, config.container_wall_m
+    form: WallForm = BoxWall(np.array([x, y, yaw, size[0] + 2 * wall, size[1] + 2 * wall, 0.0]))
+    if config.container_kind == "round":
+        form = RoundWall(np.array([x, y, size[0] / 2 + wall, 0.0, 0.0]))
     floor = config.container_floor_m or wall
-    height = rim.height - floor
-    if np.any(config.container_inner_size_m):
-        sides = np.array(config.container_inner_size_m[:2])
-        height = config.container_inner_size_m[2]
-        if (sides[0] > sides[1]) != (inner[0] > inner[1]):
-            T = T @ _upright(0, 0, 0, np.pi / 2)
-        inner = sides
-        floor = config.container_floor_m or max(rim.height - height, 0.0)
-    return Container("box", T, (float(inner[0]), float(inner[1]), float(height)), wall, floor)
+    return from_wall(form, wall, floor + size[2], floor, region.plane_z)
 
 
-def _find_rim(view: TopView, region: Region, pitch: float) -> _Rim | None:
-    """Level ring -> its smallest rectangle -> edges refined on profiles across each side."""
-    shape = np.ceil((region.high - region.low)[1::-1] / pitch).astype(int)
-    T_world_map = geometry.pose(np.eye(3), np.append(region.low[:2], region.plane_z))
-    top = view.heights(T_world_map, pitch, (int(shape[0]), int(shape[1])))
-    ring, height = _level_ring(top, region.lowest)
-    if np.count_nonzero(ring) < 20 or height < _MIN_HEIGHT:
-        return None
-    rows, cols = np.nonzero(ring)
-    cells = np.stack([cols + 0.5, rows + 0.5], axis=1) * pitch + region.low[:2]
-    (x, y), (width, length), degrees = cv2.minAreaRect(cells.astype(np.float32))
-    T = _upright(x, y, region.plane_z, np.deg2rad(degrees))
-    outer = np.array([width, length]) + pitch
-    for _ in range(3):
-        T, outer, rim = _refine(view, T, outer, height)
-        if rim is None:
-            return None
-    return rim
+def from_wall(form: WallForm, wall: float, height: float, floor: float, plane_z: float
+              ) -> Container:
+    """Container of a wall.
 
-
-def _level_ring(top: HeightMap, lowest: float) -> tuple[np.ndarray, float]:
-    """(rows, cols) bool of the cells level with the outer edge of the blob, and that height."""
-    blob = np.nan_to_num(top.heights, nan=0.0) > lowest
-    names, count = ndimage.label(ndimage.binary_closing(blob, iterations=2))
-    if not count:
-        return blob, 0.0
-    blob &= names == np.argmax(np.bincount(names.ravel())[1:]) + 1
-    filled = ndimage.binary_fill_holes(ndimage.binary_closing(blob, iterations=2))
-    outline = filled & ~ndimage.binary_erosion(filled)
-    # A wall may be one cell wide: what counts is the highest thing next to the outline.
-    heights = np.where(blob, top.heights, 0)
-    highest = ndimage.maximum_filter(heights, size=2 * int(np.ceil(_BAND / top.pitch)) + 1)
-    level = np.round(highest[outline] / 0.001).astype(int)
-    votes = np.convolve(np.bincount(level), np.ones(3), mode="same")
-    near = blob & (np.abs(heights - np.argmax(votes) * 0.001) < _LEVEL)
-    height = float(np.median(heights[near])) if near.any() else 0.0
-    return blob & (np.abs(heights - height) < _LEVEL), height
-
-
-def _refine(view: TopView, T: np.ndarray, outer: np.ndarray, height: float
-            ) -> tuple[np.ndarray, np.ndarray, _Rim | None]:
-    """Edges of the four sides from profiles; the frame follows their offsets and slopes."""
-    edges, walls, slopes, rims, drops = [], [], [], [], []
-    for side in range(4):
-        profile = _profiles(view, T, outer, side, height)
-        along, out, drop = profile
-        # A rim is straight: only profiles that agree on where it is count as seeing it.
-        edge = float(np.nanmedian(out)) if np.isfinite(out).any() else np.nan
-        near = np.abs(out - edge) < _STRAIGHT
-        if np.count_nonzero(near) < 8:
-            return T, outer, None
-        slopes.append(np.polyfit(along[near], out[near], 1)[0])
-        edges.append(edge)
-        wall = float(np.nanmedian(drop)) - edge if np.isfinite(drop).any() else np.nan
-        agree = np.abs(drop - edge - wall) < _STRAIGHT
-        walls.append(wall if np.count_nonzero(agree) >= 8 else np.nan)
-        rims.append(near.mean())
-        drops.append((near & agree).mean())
-    # Turning the frame by a small angle slopes every side alike (see _profiles for the signs).
-    shift = np.array([edges[0] - edges[1], edges[2] - edges[3]]) / 2
-    outer = outer - [edges[0] + edges[1], edges[2] + edges[3]]
-    T = T @ _upright(shift[0], shift[1], 0, float(np.median(slopes)))
-    return T, outer, _Rim(T, outer, height, np.array(walls), float(np.mean(rims)),
-                          float(np.mean(drops)))
-
-
-def _profiles(view: TopView, T: np.ndarray, outer: np.ndarray, side: int, height: float
-              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Heights on lines across one side, from outside inwards.
-
-    Returns:
-        For every profile its position along the side, and, as distance inwards from the first
-        guess of the side, the outer edge of the rim and the drop inside it; NaN where not seen.
-        Positions run so that a positive slope means a positive turn of the frame for every side.
+    Args:
+        form: outer face, world frame.
+        wall, floor: thickness, metres.
+        height: of the rim above the support plane, metres.
+        plane_z: world height of the support plane, metres.
     """
-    turn = (np.pi, 0.0, -np.pi / 2, np.pi / 2)[side]  # outward normal: -x, +x, -y, +y
-    across, along = (outer[0], outer[1]) if side < 2 else (outer[1], outer[0])
-    reach = min(max(_REACH, 0.12 * across), across / 2 - _STEP)
-    # The strip's frame: x inwards across the side, y along it.
-    corner = geometry.pose(np.diag([-1.0, -1, 1]), np.array([across / 2 + _REACH, 0.4 * along, 0]))
-    strip = T @ _upright(0, 0, 0, turn) @ corner
-    lines = int(0.8 * along / _STEP)
-    heights = view.heights(strip, _STEP, (lines, int((_REACH + reach) / _STEP))).heights[::4]
-    high = heights > height - _LEVEL
-    level = high & (heights < height + _LEVEL)
-    first = np.argmax(high, axis=1)
-    rows = np.arange(len(first))
-    out = np.where(level[rows, first], first * _STEP - _REACH, np.nan)
-    positions = np.arange(heights.shape[1])
-    low_after = (heights < height - _LEVEL) & (positions > first[:, None])
-    # Parts above the rim hide the drop; a profile counts only if the ring stays level up to it.
-    drop_at = np.argmax(low_after, axis=1)
-    stays = np.array([np.all(level[r, first[r]:drop_at[r]]) for r in rows])
-    drop = np.where(np.any(low_after, axis=1) & stays & np.isfinite(out),
-                    drop_at * _STEP - _REACH, np.nan)
-    return (rows * 4 + 0.5) * _STEP - 0.4 * along, out, drop
+    (x, y), yaw = form.pose
+    c, s = np.cos(yaw), np.sin(yaw)
+    T = geometry.pose(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([x, y, plane_z]))
+    levels = np.linspace(0, height, _LEVELS)
+    rings = np.stack([np.pad((form.ring(height - z, wall) - [x, y]) @ T[:2, :2], ((0, 0), (0, 1)),
+                             constant_values=z) for z in levels])
+    width, length = np.ptp(rings[-1, :, :2], axis=0)
+    return Container(form.kind, T, (float(width), float(length), height - floor), wall, floor,
+                     rings, form.centred())
+
+
+def with_floor(container: Container, floor: float) -> Container:
+    """The container with another floor thickness, metres, below the same rim."""
+    width, length, depth = container.inner_size_m
+    rim = container.floor_thickness_m + depth
+    return replace(container, floor_thickness_m=floor, inner_size_m=(width, length, rim - floor))

@@ -15,18 +15,23 @@ import cv2
 import numpy as np
 
 from stack_counter import geometry, hull
+from stack_counter.coloring import color_mesh
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container import find_container
+from stack_counter.container_catalogue import configured_container
 from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.pictures import DepthScan, depth_scan
+from stack_counter.placing import place_container
+from stack_counter.plausibility import check_agreement, cut_everywhere, other_container
 from stack_counter.region import Region, crop_to_region, find_region, grow, world_points
 from stack_counter.segmentation import Segmenter
 from stack_counter.segmentation.geometric import Geometric
 from stack_counter.segmentation.given import GivenLabels, label_image
 from stack_counter.tsdf import TopView, Tsdf
 from stack_counter.types import (
+    BACKGROUND,
     PARTS,
     Container,
     KeyView,
@@ -41,6 +46,9 @@ from stack_counter.volume import Measure, measure
 _FIRST_VIEWS = 3  # the region of interest is found from this many
 _MIN_SEEN = 1  # views that must have seen a surface
 _LOW_COVERAGE = 0.7
+_COARSEST, _FINEST = 0.002, 0.001  # voxels, m; the first for parts and containers of any size
+_MOST_VOXELS = 400  # along a side of the region before they become larger than that
+_PER_PART = 4  # voxels in the cube root of a part's volume
 _KEY_STRIDE = 4  # pixels between those counted to choose the key view
 
 
@@ -48,15 +56,18 @@ class StackCounter:
     """Collects the views of one scan; says V, and with an estimator and a part the count."""
 
     def __init__(self, config: ReconstructorConfig):
+        """Raises `ConfigError` where the taught container that `config` names is not known."""
         self._config = config
+        self._taught = configured_container(config)
         self._min_views = 1 if config.live else config.min_views
         self.reset()
 
-    def reset(self) -> None:
-        """Forgets the scan."""
-        c = self._config
-        self._tsdf = Tsdf(c.voxel_size, c.trunc_voxels, c.depth_trunc)
+    def reset(self, unit_volume: float = 0.0) -> None:
+        """Forgets the scan; the next one is of parts of `unit_volume` (m3; 0: not known)."""
+        self._unit_volume = unit_volume
+        self._tsdf: Tsdf | None = None  # once it is known where the stack is
         self._region: Region | None = None
+        self._rivals: str | None = None  # containers, where more than one is in sight
         self._views: list[View] = []  # used so far; once the region is known, cropped to it
         self._received = 0
         self._skipped: Counter[str] = Counter()
@@ -146,7 +157,11 @@ class StackCounter:
             self._region = find_region(self._views, self._config)
         except ScanError:
             return  # nothing in sight yet: later views may show it
-        first, self._views = self._views, []
+        c, first, self._views = self._config, self._views, []
+        size = c.voxel_size or automatic_voxel_size(self._region, self._unit_volume)
+        self._tsdf = Tsdf(size, c.trunc_voxels, c.depth_trunc, c.max_weight, c.max_memory_mb)
+        if not any(self._config.roi_size_m):
+            self._rivals = other_container(first, self._region)
         for view in first:
             try:
                 self._views.append(self._fuse(view))
@@ -154,35 +169,54 @@ class StackCounter:
                 self._skipped[error.reason] += 1
 
     def _fuse(self, view: View) -> View:
-        assert self._region is not None  # for the type checker
+        assert self._region is not None and self._tsdf is not None  # for the type checker
         view = crop_to_region(view, self._region)
         assert view.depth is not None  # for the type checker
         depth = smoothed(view.depth, self._region.noise)
         view = replace(view, depth=depth)
         surface = self._region.holds(world_points(view))
-        self._tsdf.integrate(depth, surface, view.intrinsics, view.T_world_camera)
+        seen = self._with_background(view)
+        self._tsdf.integrate(seen, surface, view.intrinsics, view.T_world_camera)
         return view
+
+    def _with_background(self, view: View) -> np.ndarray:
+        """Depth in which pixels labelled background are far away where there is none: a ray that
+        ends in the background proves its whole length empty."""
+        assert view.depth is not None  # for the type checker
+        if view.labels is None:
+            return view.depth
+        far = (view.labels == BACKGROUND) & (view.depth == 0)
+        return np.where(far, np.float32(0.99 * self._config.depth_trunc), view.depth)
 
     def _from_depth(self) -> StackVolume:
         if self._region is None:
             self._region = find_region(self._views, self._config)  # says what is missing
             self._find_region()
-        assert self._region is not None  # for the type checker
-        region, pitch = self._region, self._config.voxel_size
+        assert self._region is not None and self._tsdf is not None  # for the type checker
+        region, pitch = self._region, self._tsdf.voxel_size
+        check_agreement(self._views, region.noise)
+        if self._rivals:
+            raise ScanError(f"two containers: {self._rivals}; expected one, or a region of "
+                            "interest (roi_center_m, roi_size_m) around one")
         mesh = self._tsdf.extract_triangle_mesh(_MIN_SEEN)
         if not len(mesh.triangles):
             raise ScanError(f"no surface left after carving {len(self._views)} views; expected "
                             "some: depth and poses disagree")
         top = TopView(mesh)
-        container = find_container(top, region, pitch, self._config)
-        result = measure(top, container, region, pitch,
-                         floor_known=self._config.container_floor_m > 0)
+        seen = (top, self._views, region, pitch, self._config)
+        container = find_container(*seen) if self._taught is None \
+            else place_container(self._taught, *seen)
+        floor_known = self._taught is not None or self._config.container_floor_m > 0
+        result = measure(top, container, region, pitch, floor_known)
         reasons = []
         if result.coverage < _LOW_COVERAGE:
             reasons.append("low_coverage")
         if container.kind == "none" and result.stack_volume == 0:
             reasons.append("nothing_found")
-        return self._volume(result, Geometric(result.container, region), mesh, *reasons)
+        if container.kind == "none" and cut_everywhere(self._views, region):
+            reasons.append("cut_by_image")
+        return self._volume(result, Geometric(result.container, region),
+                            color_mesh(mesh, self._views), *reasons)
 
     def _from_labels(self) -> StackVolume:
         if not any(np.any(label_image(view) == PARTS) for view in self._views):
@@ -191,12 +225,13 @@ class StackCounter:
         if not self._config.live and all(view.color is not None for view in self._views):
             with suppress(ScanError):  # then the hull stands
                 scan = depth_scan(self._views, self._config)
-                return replace(volume_of(scan, self._config), views=self.tally)
+                return replace(volume_of(scan, self._config, self._unit_volume),
+                               views=self.tally)
         return self._from_hull()
 
     def _from_hull(self) -> StackVolume:
         c = self._config
-        carved = hull.carve(self._views, c.voxel_size, c.hull_min_share)
+        carved = hull.carve(self._views, c.voxel_size or _COARSEST, c.hull_min_share)
         container = Container("hull", geometry.pose(np.eye(3), carved.middle))
         # An outline's error of one pixel moves the surface by about half a voxel.
         skin = len(carved.surface) * carved.voxel_size**3
@@ -223,20 +258,31 @@ class StackCounter:
             self._seconds[stage] += time.perf_counter() - start
 
 
-def volume_of(scan: DepthScan, config: ReconstructorConfig) -> StackVolume:
+def volume_of(scan: DepthScan, config: ReconstructorConfig, unit_volume: float = 0.0
+              ) -> StackVolume:
     """V of pictures with depth by stereo, as from a depth camera, unless the container is closed.
+
+    `unit_volume` in m3, 0 where not known.
 
     Raises:
         ScanError: as `StackCounter.volume`.
     """
     stack = StackCounter(config)
+    stack.reset(unit_volume)
     for view in scan.views:
         with suppress(ViewError):  # counted in the tally; the others go on
             stack.add_view(view)
     volume = stack.volume()
     if scan.is_closed(volume, config):
-        volume = scan.carved(volume, config.voxel_size)
+        volume = scan.carved(volume, config.voxel_size or _COARSEST)
     return scan.in_world(replace(volume, key_view=find_key_view(scan.views, GivenLabels())))
+
+
+def automatic_voxel_size(region: Region, unit_volume: float) -> float:
+    """Side of a voxel, m: of a size that all calibrations were made for, larger in a large region,
+    smaller for parts (m3; 0: not known) that are only a few of them wide."""
+    size = max(_COARSEST, float((region.high - region.low)[:2].max()) / _MOST_VOXELS)
+    return min(size, max(unit_volume ** (1 / 3) / _PER_PART, _FINEST)) if unit_volume else size
 
 
 def smoothed(depth: np.ndarray, noise: float) -> np.ndarray:

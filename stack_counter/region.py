@@ -13,6 +13,8 @@ from stack_counter.errors import ScanError, ViewError
 from stack_counter.types import View
 
 _CELL = 0.005  # side of a cell of the map in which blobs are told apart, m
+_JOINED = 4  # cells around a thing in which another one belongs to it
+_FEWEST = 3  # points of a cell whose mean height counts
 _STRIDE = 4  # pixels between the points looked at
 _LOWEST = 0.006  # what stands less than this above the plane is never looked at, m
 _GROWTH = 0.1  # farthest that one view can grow the region, m
@@ -41,7 +43,9 @@ class Region:
 
     def holds(self, points: np.ndarray) -> np.ndarray:
         """(...) bool for (..., 3) world points, metres."""
-        return np.all((points >= self.low) & (points <= self.high), axis=-1)
+        x, y, z = np.moveaxis(points, -1, 0)  # axis by axis: several times faster than all at once
+        (x0, y0, z0), (x1, y1, z1) = self.low.tolist(), self.high.tolist()
+        return ((x >= x0) & (x <= x1) & (y >= y0) & (y <= y1) & (z >= z0) & (z <= z1))
 
     def joined(self, other: Region) -> Region:
         """The smallest region around both, with the support plane of this one."""
@@ -94,10 +98,26 @@ def find_region(views: list[View], config: ReconstructorConfig) -> Region:
         low = center - size / 2
         low[2] = min(low[2], plane_z - _MARGIN)
         return replace(everything, low=low, high=center + size / 2)
-    blob = _largest_blob(points[points[:, 2] > plane_z + everything.lowest])
+    blob = largest_blob(_standing(points, everything))
     if not len(blob):
         return everything
     return _around(blob, everything)
+
+
+def _standing(points: np.ndarray, region: Region) -> np.ndarray:
+    """Those of (n, 3) points that stand on the plane: alone by far, or with their neighbours."""
+    above = points[:, 2] - region.plane_z
+    if not len(points):
+        return points
+    cells = np.floor(points[:, :2] / _CELL).astype(np.int64)
+    cells -= cells.min(axis=0)
+    cell = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
+    count = np.bincount(cell)
+    mean = np.bincount(cell, above) / np.maximum(count, 1)
+    ground = (np.abs(mean) < region.lowest) & (count > 0)
+    noise = 1.4826 * np.median(np.abs(mean[ground])) if ground.any() else region.noise
+    high = (mean > max(_LOWEST / 2, 5 * noise)) & (count >= _FEWEST)
+    return points[(above > region.lowest) | (high[cell] & (above > 0))]
 
 
 def _around(blob: np.ndarray, region: Region) -> Region:
@@ -110,8 +130,7 @@ def grow(region: Region, view: View) -> Region:
     """The region with what this view shows standing across its border taken in."""
     points = world_points(view, _STRIDE).reshape(-1, 3)
     around = replace(region, low=region.low - _GROWTH, high=region.high + _GROWTH)
-    points = points[around.holds(points) & (points[:, 2] > region.plane_z + region.lowest)]
-    blob = _largest_blob(points)
+    blob = largest_blob(_standing(points[around.holds(points)], region))
     if not len(blob) or not region.holds(blob).any():
         return region
     return region.joined(_around(blob, region))
@@ -145,7 +164,7 @@ def _support_plane(points: np.ndarray) -> tuple[float, float]:
     return height, float(1.4826 * np.median(np.abs(near - height)))
 
 
-def _largest_blob(points: np.ndarray) -> np.ndarray:
+def largest_blob(points: np.ndarray) -> np.ndarray:
     """The points of the connected footprint that holds the most of them."""
     if not len(points):
         return points
@@ -153,8 +172,8 @@ def _largest_blob(points: np.ndarray) -> np.ndarray:
     cells -= cells.min(axis=0)
     counts = np.zeros(cells.max(axis=0) + 1, np.int64)
     np.add.at(counts, (cells[:, 0], cells[:, 1]), 1)
-    # Closing joins the rim and the parts over the unseen strip between them.
-    filled = ndimage.binary_dilation(counts > 0, iterations=2)
+    # Joins the rim and the parts over the unseen strip between them, and parts beside a heap.
+    filled = ndimage.binary_dilation(counts > 0, iterations=_JOINED)
     names, _ = ndimage.label(filled, structure=np.ones((3, 3)))
     of_point = names[cells[:, 0], cells[:, 1]]
     return points[of_point == np.argmax(np.bincount(of_point)[1:]) + 1]

@@ -10,7 +10,15 @@ import cv2
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.types import CONTAINER, PARTS, HeightMap, KeyView, StackCount
+from stack_counter.types import (
+    CONTAINER,
+    PARTS,
+    Container,
+    HeightMap,
+    KeyView,
+    Mesh,
+    StackCount,
+)
 
 STAGES = ("load", "read", "segment", "integrate", "finish", "gamma", "total")
 _SHOWN = 640  # width of the pictures, pixels
@@ -61,7 +69,7 @@ def as_text(count: StackCount, true_count: int | None) -> str:
         f"v          {count.unit_volume * 1e6:.4f} cm3",
         f"container  {box.kind}" + (f", {size} mm inside, wall "
                                     f"{1000 * box.wall_thickness_m:.1f} mm"
-                                    if box.kind == "box" else ""),
+                                    if any(box.inner_size_m) else ""),
         f"views      {volume.views.used} used of {volume.views.received}"
         + (f", skipped {volume.views.skipped}" if volume.views.skipped else ""),
         "seconds    " + ", ".join(f"{stage} {count.seconds[stage]:.2f}" for stage in STAGES
@@ -85,8 +93,11 @@ def write_report(folder: Path, count: StackCount, counts: list[dict[str, Any]]) 
         pictures["top_surface.png"] = draw_heights(volume.top)
     if volume.key_view is not None and volume.key_view.color is not None:
         pictures["key_view.png"] = draw_labels(volume.key_view)
+    if volume.key_view is not None and volume.container.rings is not None:
+        pictures["container.png"] = draw_container(volume.key_view, volume.container)
     if volume.mesh is not None and len(volume.mesh.vertices):
-        pictures["surface.png"] = draw_points(volume.mesh.vertices)
+        pictures["surface.png"] = draw_points(volume.mesh)
+        write_ply(folder / "surface.ply", volume.mesh)
     for name, picture in pictures.items():
         if not cv2.imwrite(str(folder / name), picture):
             raise OSError(f"cannot write {folder / name}")
@@ -113,8 +124,58 @@ def draw_labels(view: KeyView) -> np.ndarray:
     return picture.astype(np.uint8)
 
 
-def draw_points(points: np.ndarray) -> np.ndarray:
-    """(h, w, 3) uint8 BGR: (n, 3) world points seen obliquely from above, coloured by height."""
+def draw_container(view: KeyView, container: Container) -> np.ndarray:
+    """(h, w, 3) uint8 BGR: the key view with the fitted inner wall: rim red, floor blue, and
+    lines between them."""
+    assert container.rings is not None  # the caller has looked
+    if view.color is not None:
+        picture = np.ascontiguousarray(view.color[..., ::-1])
+    else:
+        picture = cv2.cvtColor(((view.labels % 3) * 100).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+    picture = cv2.resize(picture, None, fx=2, fy=2)
+    rings = container.rings
+    above = rings[rings[:, 0, 2] >= container.floor_thickness_m]
+    local = geometry.apply(geometry.inverse(view.T_world_camera) @ container.T_world_container,
+                           above)
+    pixels, _ = geometry.project(local, view.intrinsics)
+    lines = np.round(2 * pixels + 0.5).astype(np.int32)  # (k, n, 2)
+    for i in range(0, lines.shape[1], max(lines.shape[1] // 12, 1)):
+        down = np.ascontiguousarray(lines[:, i])
+        cv2.polylines(picture, [down], False, (0, 200, 255), 1, cv2.LINE_AA)
+    for ring, color in ((lines[0], (255, 80, 0)), (lines[-1], (0, 0, 255))):
+        cv2.polylines(picture, [ring], True, color, 1, cv2.LINE_AA)
+    return picture
+
+
+def write_ply(path: Path, mesh: Mesh) -> None:
+    """Writes a mesh as a binary PLY file, with colours where it has them.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    fields = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+    names = ["property float x", "property float y", "property float z"]
+    if mesh.colors is not None:
+        fields += [(name, "u1") for name in ("red", "green", "blue")]
+        names += [f"property uchar {name}" for name in ("red", "green", "blue")]
+    vertices = np.zeros(len(mesh.vertices), fields)
+    for i, name in enumerate("xyz"):
+        vertices[name] = mesh.vertices[:, i]
+    if mesh.colors is not None:
+        for i, name in enumerate(("red", "green", "blue")):
+            vertices[name] = mesh.colors[:, i]
+    faces = np.zeros(len(mesh.triangles), [("n", "u1"), ("index", "<i4", 3)])
+    faces["n"], faces["index"] = 3, mesh.triangles
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}", *names,
+              f"element face {len(faces)}", "property list uchar int vertex_indices",
+              "end_header", ""]
+    path.write_bytes("\n".join(header).encode() + vertices.tobytes() + faces.tobytes())
+
+
+def draw_points(mesh: Mesh) -> np.ndarray:
+    """(h, w, 3) uint8 BGR: a mesh's vertices seen obliquely from above, in their own colours or
+    coloured by height."""
+    points = mesh.vertices
     middle, size = points.mean(axis=0), float(np.ptp(points, axis=0).max())
     T = geometry.look_at(middle + size * np.array([1.0, -1.4, 1.4]), middle)
     local = geometry.apply(geometry.inverse(T), points.astype(float))
@@ -124,6 +185,8 @@ def draw_points(points: np.ndarray) -> np.ndarray:
     height = (points[:, 2] - points[:, 2].min()) / max(float(np.ptp(points[:, 2])), 1e-9)
     colors = cv2.applyColorMap((255 * height).astype(np.uint8)[:, None],
                                cv2.COLORMAP_VIRIDIS)[:, 0]
+    if mesh.colors is not None:
+        colors = mesh.colors[:, ::-1]
     picture = np.full((_SHOWN, _SHOWN, 3), 255, np.uint8)
     for dx in range(2):
         for dy in range(2):

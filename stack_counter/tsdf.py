@@ -11,10 +11,12 @@ import open3d as o3d
 import open3d.core as o3c
 
 from stack_counter import geometry
+from stack_counter.errors import ViewError
 from stack_counter.types import HeightMap, Intrinsics, Mesh
 
 _CPU = o3c.Device("CPU:0")
 _BLOCK = 8  # voxels along a block's side: small blocks follow the surface closely
+_BYTES = 8  # of a voxel: distance and weight
 _BLOCKS = 20_000  # first size of the hash map; it grows by itself
 # Open3D cuts pixel coordinates off instead of rounding them; our pixel centres lie on whole
 # numbers. Without this every surface is read half a pixel beside its place.
@@ -28,10 +30,15 @@ class Tsdf:
     through is free, so a ghost surface of an earlier view is carved.
     """
 
-    def __init__(self, voxel_size: float, trunc_voxels: float, depth_trunc: float):
-        """Lengths in metres; `trunc_voxels` is sdf_trunc in voxels."""
+    def __init__(self, voxel_size: float, trunc_voxels: float, depth_trunc: float,
+                 max_weight: float, max_memory_mb: float):
+        """Lengths in metres; `trunc_voxels` is sdf_trunc in voxels; of a voxel's views at most
+        `max_weight` count, so that what is taken away later disappears."""
         self.voxel_size = voxel_size
+        self._max_weight = max_weight
+        self._max_memory_mb = max_memory_mb
         self._trunc_voxels = trunc_voxels
+        self._views = 0
         self._depth_trunc = depth_trunc
         self._grid = o3d.t.geometry.VoxelBlockGrid(
             ("tsdf", "weight"), (o3c.float32, o3c.float32), [o3c.SizeVector([1])] * 2,
@@ -47,6 +54,9 @@ class Tsdf:
                 only these make new blocks.
             intrinsics: pinhole calibration of `depth`.
             T_world_camera: (4, 4) pose of the optical frame.
+
+        Raises:
+            ViewError: reason `too_large`: more memory than allowed.
         """
         K = o3c.Tensor(intrinsics.K + _TO_CORNER)
         T_camera_world = o3c.Tensor(geometry.inverse(T_world_camera))
@@ -54,9 +64,20 @@ class Tsdf:
         wanted = o3d.t.geometry.Image(o3c.Tensor(np.where(surface, depth, 0).astype(np.float32)))
         settings = (1.0, self._depth_trunc, self._trunc_voxels)
         new = self._grid.compute_unique_block_coordinates(wanted, K, T_camera_world, *settings)
-        blocks = np.unique(np.concatenate([self._blocks(), new.numpy()]), axis=0)
+        # Looked up, not sorted: np.unique over rows takes as long as the fusion itself.
+        known = self._grid.hashmap().find(new)[1].numpy()
+        blocks = np.concatenate([self._blocks(), new.numpy()[~known]])
+        needed = len(blocks) * _BLOCK**3 * _BYTES / 1e6
+        if needed > self._max_memory_mb:
+            raise ViewError("too_large", f"the volume needs {needed:.0f} MB at a voxel_size of "
+                                         f"{self.voxel_size} m; expected at most "
+                                         f"{self._max_memory_mb:.0f} MB (max_memory_mb)")
         if len(blocks):
             self._grid.integrate(o3c.Tensor(blocks), image, K, T_camera_world, *settings)
+            self._views += 1
+            if self._views > self._max_weight:  # no weight can be above it before
+                weights = self._grid.attribute("weight").numpy()  # shares the memory
+                np.minimum(weights, self._max_weight, out=weights)
 
     def _blocks(self) -> np.ndarray:
         """(n, 3) int32 coordinates of the blocks that exist."""

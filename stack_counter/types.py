@@ -6,9 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from stack_counter.wall_forms import WallForm
+
 BACKGROUND, CONTAINER, PARTS = 0, 1, 2  # the values of a label image
 UNSEEN = 255  # pixels that a rectified label image has and the camera had not
-CONTAINER_KINDS = ("box", "none", "hull")  # hull: only an outline is known, no inner surface
+# free: any open container with a level rim; hull: only an outline is known, no inner surface.
+CONTAINER_KINDS = ("box", "round", "free", "none", "hull")
 
 
 @dataclass(frozen=True)
@@ -70,8 +73,13 @@ class Container:
         kind: one of `CONTAINER_KINDS`.
         T_world_container: (4, 4) float64; origin at the centre of the bottom, on the support
             plane; z up; x along the first inner side.
-        inner_size_m: inner x, y and height from inner floor to rim, metres; zeros for `none`.
-        wall_thickness_m, floor_thickness_m: metres.
+        inner_size_m: x and y of the rim opening, and height from inner floor to rim, metres;
+            zeros for `none`.
+        wall_thickness_m, floor_thickness_m: metres; the wall's is measured horizontally.
+        rings: (k, n, 3) counter-clockwise outlines of the inner wall, container frame, metres,
+            from the support plane (below the floor) to the rim; None for `none` and `hull`, and
+            in a container that came by message.
+        form: outer face of the wall, container frame; None as for `rings`.
     """
 
     kind: str
@@ -79,6 +87,8 @@ class Container:
     inner_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     wall_thickness_m: float = 0.0
     floor_thickness_m: float = 0.0
+    rings: np.ndarray | None = None
+    form: WallForm | None = None
 
 
 @dataclass(frozen=True)

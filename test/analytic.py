@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import open3d as o3d
 
 from stack_counter import geometry
-from stack_counter.types import Intrinsics, View
+from stack_counter.types import Intrinsics, Mesh, View
 
 CAMERA = Intrinsics(640, 480, 610.0, 610.0, 319.5, 239.5)
 
@@ -32,6 +33,36 @@ class Scene:
         """Adds a ball."""
         self._hits.append(lambda o, d: _sphere(o - np.array(center), d, radius))
         return self
+
+    def mesh(self, mesh):
+        """Adds triangles (`types.Mesh`, world frame)."""
+        scene = o3d.t.geometry.RaycastingScene()
+        scene.add_triangles(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
+
+        def hit(origin, directions):
+            rays = np.concatenate([np.broadcast_to(origin, directions.shape), directions], -1)
+            return scene.cast_rays(rays.astype(np.float32))["t_hit"].numpy().astype(float)
+        self._hits.append(hit)
+        return self
+
+    def filled(self, container, level):
+        """Adds a simulator's container filled flat up to `level` metres above its floor.
+
+        Returns:
+            Its volume between the floor and that level, m3.
+        """
+        rings = container.inner_rings
+        zs = np.linspace(rings[0, 0, 2], rings[0, 0, 2] + level, 50)
+        outlines = np.stack([_between(rings, z) for z in zs])
+        x, y = outlines[..., 0], outlines[..., 1]
+        areas = np.sum(x * np.roll(y, -1, 1) - np.roll(x, -1, 1) * y, axis=1) / 2
+        top = np.concatenate([outlines[-1], outlines[-1].mean(axis=0)[None]])
+        n = len(outlines[-1])
+        fan = np.stack([np.arange(n), np.roll(np.arange(n), -1), np.full(n, n)], axis=1)
+        self.mesh(container.mesh())
+        if level:
+            self.mesh(Mesh(geometry.apply(container.T_world_container, top), fan))
+        return float(np.sum((areas[1:] + areas[:-1]) / 2 * np.diff(zs)))
 
     def bin(self, inner, wall, floor, fill, x=0.0, y=0.0, yaw=0.0):
         """Adds an upright open box filled flat to `fill` metres above its floor."""
@@ -70,6 +101,13 @@ class Scene:
             T = geometry.look_at(eye, np.array(center, float))
             views.append(self.view(T, stamp_ns=i * 10**9, seed=i, **how))
         return views
+
+
+def _between(rings, z):
+    """(n, 3) outline of a container at a height."""
+    i = int(np.clip(np.searchsorted(rings[:, 0, 2], z), 1, len(rings) - 1))
+    low, high = rings[i - 1, 0, 2], rings[i, 0, 2]
+    return rings[i - 1] + (rings[i] - rings[i - 1]) * (z - low) / (high - low)
 
 
 def _plane(origin, directions):

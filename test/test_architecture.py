@@ -13,7 +13,8 @@ PACKAGE = Path(__file__).parent.parent / "stack_counter"
 ROS = {"rclpy", "rosidl_runtime_py", "ament_index_python", "tf2_ros", "launch", "launch_ros"}
 BAGS = {"mcap", "mcap_ros2", "rosbags", "rosbag2_py"}
 ENGINES = {"sapien", "pybullet", "mujoco", "coacd", "manifold3d"}
-OUTER = {"bag", "nodes", "sim", "train", "eval", "cli", "__main__"}  # parts beside the core
+# Parts beside the core.
+OUTER = {"bag", "nodes", "sim", "train", "eval", "cli", "cli_container", "__main__"}
 
 # Part -> which other parts of the package it may use besides the core, and which of the
 # libraries named above.
@@ -36,7 +37,7 @@ CLOSED = {"sim", "train", "eval"}
 def part_of(path: Path) -> str:
     """Part of the package that a file, relative to the package, belongs to."""
     name = path.with_suffix("").as_posix()
-    if name in ("cli", "__main__"):
+    if name in ("cli", "cli_container", "__main__"):
         return "cli"
     if name in PARTS:
         return name

@@ -56,7 +56,8 @@ def test_count_and_every_key_of_the_json(tmp_path, capsys):
     assert result["volume_m3"] == pytest.approx(0.2 * 0.15 * 0.05, rel=0.1)
     assert result["count"] == round(result["gamma"] * result["volume_m3"] / 1.5e-6)
     assert {p.name for p in (tmp_path / "report").iterdir()} == {
-        "result.json", "top_surface.png", "key_view.png", "surface.png"}
+        "result.json", "top_surface.png", "key_view.png", "container.png", "surface.png",
+        "surface.ply"}
 
 
 def test_live_has_an_entry_for_each_view_used(tmp_path, capsys):
@@ -170,3 +171,42 @@ def test_info_and_import(tmp_path, capsys):
     assert run(capsys, "import", tmp_path / "none", tmp_path / "out")[0] == 2
     code, _, err = run(capsys, "import", tmp_path, tmp_path / "out")
     assert code == 3 and "no transforms.json" in err
+
+
+def test_an_empty_bin_teaches_a_container_that_replay_uses(tmp_path, capsys):
+    catalogue, config = tmp_path / "containers.yaml", tmp_path / "c.yaml"
+    empty, full = bag(tmp_path, bin_views(fill=0.0), "empty"), bag(tmp_path)
+    code, out, _ = run(capsys, "container", "teach", "tote", empty, "--out", catalogue)
+    assert code == 0 and out.startswith("tote: box, ") and "from empty)" in out
+    assert run(capsys, "container", "list", catalogue)[1] == out.splitlines()[0] + "\n"
+    code, _, err = run(capsys, "container", "teach", "other", full, "--out", catalogue)
+    assert code == 3 and "of its capacity; expected an empty one" in err
+    assert "other" not in catalogue.read_text()
+
+    def settings(name):
+        config.write_text("/stack_counter/reconstructor: {ros__parameters: {container: "
+                          f"{name}, container_catalogue: {catalogue}}}}}")
+        return ["--direct", "--config", config, "--json", tmp_path / "r.json"]
+    assert run(capsys, "replay", full, *UNIT, *settings("tote"))[0] == 0
+    result = json.loads((tmp_path / "r.json").read_text())
+    assert result["container"]["inner_size_m"] == pytest.approx([0.2, 0.15, 0.1], abs=0.004)
+    assert result["volume_m3"] == pytest.approx(0.2 * 0.15 * 0.05, rel=0.06)
+    code, _, err = run(capsys, "replay", full, *UNIT, *settings("tub"))
+    assert code == 2 and "unknown container 'tub'; expected one of ['tote']" in err
+    # What is configured is not used to teach: it may be the very one to be taught.
+    assert run(capsys, "container", "teach", "tub", empty, "--config", config)[0] == 0
+    assert run(capsys, "replay", full, *UNIT, *settings("tub"))[0] == 0
+
+
+def test_teach_says_what_it_lacks(tmp_path, capsys):
+    code, _, err = run(capsys, "container", "teach", "tote", tmp_path / "none")
+    assert code == 2 and "no bag" in err
+    assert run(capsys, "container", "list", tmp_path / "none.yaml")[0] == 2
+    nothing = tmp_path / "nothing.yaml"
+    nothing.write_text("containers:\n")
+    code, out, _ = run(capsys, "container", "list", nothing)
+    assert code == 0 and out.startswith("no container taught yet")
+    damaged = tmp_path / "damaged.yaml"
+    damaged.write_text("containers: 3")
+    code, _, err = run(capsys, "container", "teach", "tote", bag(tmp_path), "--out", damaged)
+    assert code == 2 and "is malformed" in err and damaged.read_text() == "containers: 3"

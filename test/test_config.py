@@ -29,7 +29,7 @@ def test_round_trip_through_a_parameter_file(tmp_path):
 
 
 @pytest.mark.parametrize("values, said", [
-    ({"voxel_size": 0}, "voxel_size is 0.0; expected 0.0002 to 0.1"),
+    ({"voxel_size": -1}, "voxel_size is -1.0; expected 0.0 to 0.1"),
     ({"voxel_size": float("nan")}, "voxel_size is nan"),
     ({"min_views": 2.5}, "min_views is 2.5; expected int"),
     ({"live": 1}, "live is 1; expected bool"),

@@ -14,7 +14,7 @@ def test_an_oblique_plane_lies_where_the_depth_image_says(turn):
     beat with voxels leave up to 0.2 mm."""
     away = np.array([np.sin(0.7) * np.cos(turn), np.sin(0.7) * np.sin(turn), np.cos(0.7)])
     view = Scene().view(geometry.look_at(1.2 * away, np.zeros(3)))
-    tsdf = Tsdf(0.002, 4.0, 3.0)
+    tsdf = Tsdf(0.002, 4.0, 3.0, 20.0, 1000.0)
     tsdf.integrate(view.depth, view.depth > 0, view.intrinsics, view.T_world_camera)
     corner = geometry.pose(np.eye(3), np.array([-0.1, -0.1, 0]))
     heights = TopView(tsdf.extract_triangle_mesh(1)).heights(corner, 0.002, (100, 100)).heights

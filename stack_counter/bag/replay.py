@@ -1,21 +1,24 @@
-"""Counts a recorded bag in one process, with no ROS running: `replay --direct`."""
+"""Counts a recorded bag in one process, with no ROS running: `replay --direct`; and learns an
+empty container from one: `container teach`."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 from stack_counter.assembler import ViewAssembler
 from stack_counter.bag.reader import BagReader, fit_config, read_views
-from stack_counter.config import Config
+from stack_counter.config import CollectorConfig, Config
+from stack_counter.container_catalogue import TaughtContainer, taught_from
 from stack_counter.counting import flagged
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.occupancy import make_estimator
 from stack_counter.pipeline import StackCounter, count_stack, joined_tally
-from stack_counter.types import StackCount, ViewTally
+from stack_counter.types import StackCount, StackVolume, ViewTally
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
         config: settings; topics are fitted to the bag.
         unit_volume: of one part, m3.
         rate: 0, or the speed of the recording's clock.
-        on_view: called after each view, for progress.
+        on_view: called after each view used, for progress.
         begin: when the command began (`time.perf_counter`): imports count as loading.
 
     Raises:
@@ -56,34 +59,62 @@ def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
     estimator = make_estimator(config.counter.estimator,
                                Path(config.counter.weights) if config.counter.weights else None)
     stack = StackCounter(config.reconstructor)
+    stack.reset(unit_volume)
     loaded = time.perf_counter()
     confidence, counts = config.counter.confidence, []
-    reader = BagReader(path)
-    collector = fit_config(config.collector, reader.topics)
-    assembler = ViewAssembler(collector, live=False)
-    first_ns: int | None = None
-    for view in read_views(reader, collector, assembler):
-        first_ns = view.stamp_ns if first_ns is None else first_ns
-        if rate:
-            due = loaded + (view.stamp_ns - first_ns) * 1e-9 / rate
-            time.sleep(max(due - time.perf_counter(), 0))
+
+    def after_view() -> None:
         on_view()
-        try:
-            stack.add_view(view)
-            if config.reconstructor.live:
-                counts.append(count_entry(stack.count(unit_volume, estimator, confidence)))
-        except (ViewError, ScanError):
-            continue  # counted in the tally, or nothing to count yet
-    tally = joined_tally(assembler.tally, stack.tally)
-    try:
-        volume = stack.volume()
-    except ScanError as error:
-        raise no_count(str(error), tally, list(assembler.last_error.values())) from error
-    count = count_stack(replace(volume, views=tally), unit_volume, estimator, confidence)
-    if reader.truncated:
+        if config.reconstructor.live:
+            counts.append(count_entry(stack.count(unit_volume, estimator, confidence)))
+    volume, truncated = _volume(stack, path, config.collector, rate, after_view)
+    count = count_stack(volume, unit_volume, estimator, confidence)
+    if truncated:
         count = flagged(count, "bag_truncated")
     total = time.perf_counter() - begin
     spent = sum(count.seconds.values())
     return Replayed(replace(count, seconds={
         **count.seconds, "load": loaded - begin, "read": total - spent - (loaded - begin),
         "total": total}), counts)
+
+
+def teach(path: Path, config: Config, on_view: Callable[[], None]) -> TaughtContainer:
+    """What the recording of an empty container says of its walls and floor.
+
+    Args:
+        path: rosbag2 folder or .mcap file.
+        config: settings; topics are fitted to the bag; an already taught container is not used.
+        on_view: called after each view used, for progress.
+
+    Raises:
+        BagError, ConfigError: see there.
+        ScanError: no container, one that is not empty, or too few views.
+    """
+    stack = StackCounter(replace(config.reconstructor, container="", live=False))
+    volume, _ = _volume(stack, path, config.collector, 0.0, on_view)
+    return taught_from(volume, f"{date.today()} from {path.resolve().name}")
+
+
+def _volume(stack: StackCounter, path: Path, collector: CollectorConfig, rate: float,
+            after_view: Callable[[], None]) -> tuple[StackVolume, bool]:
+    """V of all the views of a bag with their tally, and whether the bag is cut short."""
+    begin = time.perf_counter()
+    reader = BagReader(path)
+    collector = fit_config(collector, reader.topics)
+    assembler = ViewAssembler(collector, live=False)
+    first_ns: int | None = None
+    for view in read_views(reader, collector, assembler):
+        first_ns = view.stamp_ns if first_ns is None else first_ns
+        if rate:
+            due = begin + (view.stamp_ns - first_ns) * 1e-9 / rate
+            time.sleep(max(due - time.perf_counter(), 0))
+        try:
+            stack.add_view(view)
+            after_view()
+        except (ViewError, ScanError):
+            continue  # counted in the tally, or nothing to count yet
+    tally = joined_tally(assembler.tally, stack.tally)
+    try:
+        return replace(stack.volume(), views=tally), reader.truncated
+    except ScanError as error:
+        raise no_count(str(error), tally, list(assembler.last_error.values())) from error

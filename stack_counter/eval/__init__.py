@@ -1,1 +1,1 @@
-"""Metrics and reports: how far V, gamma and counts are off on simulated and real scans."""
+"""Errors of the pipeline and its parts, measured on simulated scenes: `stack-counter evaluate`."""

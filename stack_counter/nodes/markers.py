@@ -1,8 +1,6 @@
-"""What RViz and Foxglove show: the container as a wire box, the surface as points."""
+"""What RViz and Foxglove show: the container as wire, the surface as points."""
 
 from __future__ import annotations
-
-import itertools
 
 import numpy as np
 from geometry_msgs.msg import Point
@@ -13,20 +11,24 @@ from visualization_msgs.msg import Marker, MarkerArray
 from stack_counter.nodes.conversions import to_bytes, to_pose
 from stack_counter.types import Container, Mesh
 
+_WIRES = 12  # lines from floor to rim
+
 
 def container_markers(container: Container, header: Header) -> MarkerArray:
-    """The inner edges of a box; deletes the last marker for other kinds."""
+    """The inner wall as wire: rim, floor and lines between; deletes the last marker where there
+    is none."""
     marker = Marker(header=header, ns="container", id=0, type=Marker.LINE_LIST,
-                    action=Marker.ADD if container.kind == "box" else Marker.DELETE,
+                    action=Marker.DELETE if container.rings is None else Marker.ADD,
                     pose=to_pose(container.T_world_container),
                     color=ColorRGBA(r=1.0, g=0.6, b=0.1, a=1.0))
     marker.scale.x = 0.002
-    x, y, depth = container.inner_size_m
-    corners = [(sx * x / 2, sy * y / 2, container.floor_thickness_m + up * depth)
-               for sx, sy, up in itertools.product((-1, 1), (-1, 1), (0, 1))]
-    for a, b in itertools.combinations(corners, 2):
-        if sum(p != q for p, q in zip(a, b)) == 1:  # an edge: the ends differ on one axis
-            marker.points += [Point(x=a[0], y=a[1], z=a[2]), Point(x=b[0], y=b[1], z=b[2])]
+    if container.rings is not None:
+        rings = container.rings[container.rings[:, 0, 2] >= container.floor_thickness_m]
+        lines = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings[[0, -1]]]
+        walls = rings[:, ::max(rings.shape[1] // _WIRES, 1)]  # (k, w, 3)
+        lines.append(np.stack([walls[:-1], walls[1:]], axis=2).reshape(-1, 2, 3))
+        marker.points = [Point(x=x, y=y, z=z) for x, y, z in
+                         np.concatenate(lines).reshape(-1, 3).tolist()]
     return MarkerArray(markers=[marker])
 
 

@@ -81,7 +81,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self._scan, self._received = message, 0
         if self._stopped is not None and self._stopped.scan_id != message.scan_id:
             self._stopped = None
-        self._stack.reset()
+        self._stack.reset(message.unit_volume)
 
     def _on_status(self, message: ScanStatus) -> None:
         if message.node != "collector" or message.state != ScanStatus.STOPPED:

@@ -20,20 +20,25 @@ _STEP_NS = 10**9  # between two views
 
 
 def record(scene: Scene, views: int = 12, seed: int = 0, color: bool = True,
-           camera: DepthCamera | None = None, labels: bool = False) -> list[View]:
+           camera: DepthCamera | None = None, pose_sigma_m: float = 0.0005,
+           pose_sigma_deg: float = 0.05, intrinsics: Intrinsics = CAMERA, labels: bool = False
+           ) -> list[View]:
     """Views of a scene; their poses are the reported ones, their pixels those of the true ones.
 
     Args:
         views: how many.
         seed: of the arc, the noise and the materials.
         color: render colour too (seconds a view).
-        camera: noise model of the depth; with the same seed each sees the same poses.
-        labels: with label images as a perfect segmenter gives them.
+        camera: noise model of the depth.
+        pose_sigma_m, pose_sigma_deg: noise of the reported poses, per axis.
+        intrinsics: with about the vertical field of view of `CAMERA`, for which the arc is laid.
+        labels: give the true label images too.
     """
     random = np.random.default_rng([seed, scene.index, 0xA7])
     renderer, sensor = Renderer(scene), camera or DepthCamera()
-    taken = [_view(renderer, T, noisy_pose(T, random), (i + 1) * _STEP_NS, sensor, random,
-                   seed if color else None) for i, T in enumerate(arc(scene, views, random))]
+    taken = [_view(renderer, T, noisy_pose(T, random, pose_sigma_m, pose_sigma_deg),
+                   (i + 1) * _STEP_NS, sensor, random, seed if color else None, intrinsics)
+             for i, T in enumerate(arc(scene, views, random))]
     return taken if labels else [replace(view, labels=None) for view in taken]
 
 
@@ -53,12 +58,13 @@ def watch(states: list[Scene], seed: int = 0, color: bool = True) -> list[View]:
 
 
 def _view(renderer: Renderer, T: np.ndarray, reported: np.ndarray, stamp_ns: int,
-          sensor: DepthCamera, random: np.random.Generator, materials: int | None) -> View:
-    depth, labels = renderer.depth_and_labels(CAMERA, T)
+          sensor: DepthCamera, random: np.random.Generator, materials: int | None,
+          intrinsics: Intrinsics = CAMERA) -> View:
+    depth, labels = renderer.depth_and_labels(intrinsics, T)
     return View(
-        stamp_ns=stamp_ns, intrinsics=CAMERA, T_world_camera=reported, camera=FRAME,
-        depth=sensor.measure(depth, CAMERA, random), labels=labels,
-        color=None if materials is None else renderer.color(CAMERA, T, materials))
+        stamp_ns=stamp_ns, intrinsics=intrinsics, T_world_camera=reported, camera=FRAME,
+        depth=sensor.measure(depth, intrinsics, random), labels=labels,
+        color=None if materials is None else renderer.color(intrinsics, T, materials))
 
 
 def arc(scene: Scene, views: int, random: np.random.Generator) -> list[np.ndarray]:

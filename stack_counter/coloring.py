@@ -1,0 +1,37 @@
+"""Colours of a mesh from the pictures that show it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from stack_counter import geometry
+from stack_counter.types import Mesh, View
+
+_MOST_VIEWS = 6  # looked at, evenly spread over the scan
+_CLOSE = 0.01  # how near the seen surface a vertex must be, m
+_GREY = 128  # of what no picture shows
+
+
+def color_mesh(mesh: Mesh, views: list[View]) -> Mesh:
+    """The mesh with the mean colour that views with depth and colour show of each vertex; as it
+    was if none has colour."""
+    views = [v for v in views if v.color is not None and v.depth is not None]
+    if not views:
+        return mesh
+    total, seen = np.zeros((len(mesh.vertices), 3)), np.zeros(len(mesh.vertices))
+    for i in np.unique(np.linspace(0, len(views) - 1, _MOST_VIEWS).round().astype(int)):
+        view, k = views[i], views[i].intrinsics
+        assert view.color is not None and view.depth is not None  # chosen above
+        local = geometry.apply(geometry.inverse(view.T_world_camera), mesh.vertices)
+        pixels, z = geometry.project(local, k)
+        inside = (z > 0) & np.all((pixels > -0.5) & (pixels < [k.width - 0.5, k.height - 0.5]), 1)
+        index = np.nonzero(inside)[0]
+        cols, rows = np.round(pixels[index]).astype(int).T
+        shown = np.abs(view.depth[rows, cols] - z[index]) < _CLOSE
+        index, rows, cols = index[shown], rows[shown], cols[shown]
+        total[index] += view.color[rows, cols]
+        seen[index] += 1
+    mean = np.where(seen[:, None] > 0, total / np.maximum(seen, 1)[:, None], _GREY)
+    return replace(mesh, colors=mean.round().astype(np.uint8))
