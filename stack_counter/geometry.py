@@ -191,3 +191,24 @@ def crop(view: View, low: np.ndarray, high: np.ndarray) -> View:
                       cy=k.cy - float(y0))
     return replace(view, intrinsics=smaller, color=cut(view.color), depth=cut(view.depth),
                    labels=cut(view.labels))
+
+
+def shrink(view: View, n: int) -> View:
+    """The view with its images and calibration `n` times smaller; colour is averaged, depth and
+    labels are those of a middle pixel."""
+    if n == 1:
+        return view
+    k = view.intrinsics
+    w, h = k.width // n, k.height // n
+    # Pixel centres lie on whole numbers: the middle of the first n is at (n - 1) / 2.
+    smaller = replace(k, width=w, height=h, fx=k.fx / n, fy=k.fy / n,
+                      cx=(k.cx - (n - 1) / 2) / n, cy=(k.cy - (n - 1) / 2) / n)
+
+    def middle(image: np.ndarray | None) -> np.ndarray | None:
+        return None if image is None else np.ascontiguousarray(
+            image[n // 2::n, n // 2::n][:h, :w])
+
+    color = view.color if view.color is None else cv2.resize(
+        view.color[:h * n, :w * n], (w, h), interpolation=cv2.INTER_AREA)
+    return replace(view, intrinsics=smaller, color=color, depth=middle(view.depth),
+                   labels=middle(view.labels))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 import cv2
@@ -22,6 +22,7 @@ from stack_counter.container_catalogue import configured_container
 from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.occupancy import OccupancyEstimator
+from stack_counter.pictures import DepthScan, depth_scan
 from stack_counter.placing import place_container
 from stack_counter.plausibility import check_agreement, cut_everywhere, other_container
 from stack_counter.region import Region, crop_to_region, find_region, grow, world_points
@@ -218,6 +219,17 @@ class StackCounter:
                             color_mesh(mesh, self._views), *reasons)
 
     def _from_labels(self) -> StackVolume:
+        if not any(np.any(label_image(view) == PARTS) for view in self._views):
+            return replace(self._from_hull(), stack_volume=0.0, stack_volume_std=0.0,
+                           reasons=("nothing_found",))
+        if not self._config.live and all(view.color is not None for view in self._views):
+            with suppress(ScanError):  # then the hull stands
+                scan = depth_scan(self._views, self._config)
+                return replace(volume_of(scan, self._config, self._unit_volume),
+                               views=self.tally)
+        return self._from_hull()
+
+    def _from_hull(self) -> StackVolume:
         c = self._config
         carved = hull.carve(self._views, c.voxel_size or _COARSEST, c.hull_min_share)
         container = Container("hull", geometry.pose(np.eye(3), carved.middle))
@@ -244,6 +256,26 @@ class StackCounter:
             yield
         finally:
             self._seconds[stage] += time.perf_counter() - start
+
+
+def volume_of(scan: DepthScan, config: ReconstructorConfig, unit_volume: float = 0.0
+              ) -> StackVolume:
+    """V of pictures with depth by stereo, as from a depth camera, unless the container is closed.
+
+    `unit_volume` in m3, 0 where not known.
+
+    Raises:
+        ScanError: as `StackCounter.volume`.
+    """
+    stack = StackCounter(config)
+    stack.reset(unit_volume)
+    for view in scan.views:
+        with suppress(ViewError):  # counted in the tally; the others go on
+            stack.add_view(view)
+    volume = stack.volume()
+    if scan.is_closed(volume, config):
+        volume = scan.carved(volume, config.voxel_size or _COARSEST)
+    return scan.in_world(replace(volume, key_view=find_key_view(scan.views, GivenLabels())))
 
 
 def automatic_voxel_size(region: Region, unit_volume: float) -> float:

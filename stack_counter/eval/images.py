@@ -1,0 +1,156 @@
+"""Pictures without depth: errors of stereo's depth and of V on simulated colour recordings.
+
+Labels are rendered at the true poses, as a perfect segmenter gives them; everything else gets the
+poses that the robot reports. Beside V by stereo stand V of the labels' hull alone and V of ideal
+depth at the same poses, which has the errors of the container's fit but none of stereo.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from stack_counter.config import ReconstructorConfig
+from stack_counter.errors import ScanError
+from stack_counter.pictures import depth_scan
+from stack_counter.pipeline import StackCounter, volume_of
+from stack_counter.sim import DepthCamera, Scene, read_scenes, record
+from stack_counter.types import PARTS, View
+
+IDEAL = DepthCamera(sigma_m=0.0, sigma_per_m2=0.0, step_m=1e-6)
+_CLOSE = 0.003  # a depth nearer than this to the truth is right, m
+_SOURCES = ("pictures", "hull", "ideal_depth")
+
+
+@dataclass(frozen=True)
+class DepthErrors:
+    """Stereo's depth on the pixels of parts: median absolute error and bias where known, metres;
+    shares of the pixels that are known, and known within 3 mm."""
+
+    median_m: float
+    bias_m: float
+    known: float
+    right: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """One scene: relative error of V by source, None where there is no V; `depth` None where
+    stereo gives none and the hull stands in its place."""
+
+    index: int
+    kind: str
+    found: str
+    reasons: tuple[str, ...]
+    depth: DepthErrors | None
+    errors: dict[str, float | None]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `stack-counter evaluate images`."""
+    parser.add_argument("--set", type=Path, required=True, metavar="DIR", dest="folder",
+                        help="scenes made by `stack-counter simulate`")
+    parser.add_argument("--scenes", type=int, default=15, metavar="N", help="the first N")
+    parser.add_argument("--views", type=int, default=24, help="pictures of a recording")
+    parser.add_argument("--seed", type=int, default=0, help="of the recordings")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures here")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Records, measures and prints; a scene takes about a minute."""
+    rows = []
+    scenes = itertools.islice(read_scenes(args.folder), args.scenes)
+    for scene in tqdm(scenes, total=args.scenes, unit=" scenes"):
+        rows.append(evaluate(scene, record(scene, args.views, args.seed, True, IDEAL, True)))
+        tqdm.write(as_text(rows[-1]))
+    summary = summarise(rows)
+    for name, figures in summary.items():
+        print(f"{name}: " + ", ".join(f"{key} {value:.3g}" for key, value in figures.items()))
+    if args.json:
+        args.json.write_text(json.dumps({"summary": summary,
+                                         "scenes": [asdict(row) for row in rows]}, indent=2))
+    return 0
+
+
+def evaluate(scene: Scene, views: list[View]) -> Row:
+    """Errors on one recording: views with colour, ideal depth and labels."""
+    config, truth = ReconstructorConfig(), scene.truth.stack_volume
+    pictures = [replace(view, depth=None) for view in views]
+    hull = _volume([replace(view, color=None) for view in pictures])
+    ideal = _volume([replace(view, labels=None) for view in views])
+    by_source = {"pictures": hull, "hull": hull, "ideal_depth": ideal}
+
+    def row(found: str, reasons: tuple[str, ...], depth: DepthErrors | None) -> Row:
+        return Row(scene.index, scene.container.kind, found, reasons, depth,
+                   {name: None if v is None else v / truth - 1 for name, v in by_source.items()})
+
+    try:
+        scan = depth_scan(pictures, config)
+        result = volume_of(scan, config)
+    except ScanError:  # as in the product, the hull stands
+        return row("hull", ("no_depth",), None)
+    by_source["pictures"] = result.stack_volume
+    return row(result.container.kind, result.reasons, depth_errors(scan.views, views))
+
+
+def _volume(views: list[View]) -> float | None:
+    counter = StackCounter(ReconstructorConfig())
+    for view in views:
+        counter.add_view(view)
+    try:
+        return counter.volume().stack_volume
+    except ScanError:
+        return None
+
+
+def depth_errors(views: Sequence[View], ideal: Sequence[View]) -> DepthErrors:
+    """Depth on part pixels against the same views with ideal depth, where that has any.
+
+    Both have labels and depth, 0 unknown, at the same pixels.
+    """
+    off = []
+    for view, true in zip(views, ideal):
+        assert view.depth is not None and true.depth is not None  # both have depth
+        parts = (true.labels == PARTS) & (true.depth > 0)
+        off.append(np.where(view.depth > 0, view.depth - true.depth, np.nan)[parts])
+    errors = np.concatenate(off)
+    known = errors[np.isfinite(errors)]
+    median, bias = (float(np.median(x)) if len(known) else float("nan")
+                    for x in (np.abs(known), known))
+    return DepthErrors(median, bias, len(known) / max(len(errors), 1),
+                       float(np.mean(np.abs(errors) <= _CLOSE)))
+
+
+def summarise(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
+    """Mean absolute relative error of V, bias and 95th percentile by source, over all scenes and
+    by kind of container; and the means of the depth errors."""
+    out = {}
+    for kind in ("all", *sorted({row.kind for row in rows})):
+        chosen = [row for row in rows if kind in ("all", row.kind)]
+        for source in _SOURCES:
+            errors = [e for row in chosen if (e := row.errors[source]) is not None]
+            if errors:
+                out[f"{source}, {kind}"] = {
+                    "mean_abs": float(np.mean(np.abs(errors))), "bias": float(np.mean(errors)),
+                    "p95": float(np.percentile(np.abs(errors), 95)), "scenes": len(errors)}
+    depth = [asdict(row.depth) for row in rows if row.depth is not None]
+    if depth:
+        out["depth"] = {name: float(np.mean([d[name] for d in depth])) for name in depth[0]}
+    return out
+
+
+def as_text(row: Row) -> str:
+    """One line."""
+    errors = ", ".join(f"{name} {'none' if e is None else f'{e:+.1%}'}"
+                       for name, e in row.errors.items())
+    depth = row.depth and (f"; depth off by {1e3 * row.depth.median_m:.2f} mm, known on "
+                           f"{row.depth.known:.0%}")
+    return (f"scene {row.index} {row.kind}, found {row.found} ({', '.join(row.reasons)}): "
+            f"V {errors}{depth or ''}")
