@@ -92,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     measures = commands.add_parser("evaluate", help="measure errors on simulated scenes")
     kinds = measures.add_subparsers(required=True, metavar="KIND")
     for kind, what in (("volume", "of V and the container"),
+                       ("images", "of V from pictures and labels, without depth"),
                        ("benchmark", "of V beside the published rule, and cost")):
         kinds.add_parser(kind, help=what).module = f"stack_counter.eval.{kind}"
     return parser
