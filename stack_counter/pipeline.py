@@ -24,6 +24,7 @@ from stack_counter.region import Region, crop_to_region, find_region, grow, worl
 from stack_counter.segmentation import Segmenter
 from stack_counter.segmentation.geometric import Geometric
 from stack_counter.segmentation.given import GivenLabels, label_image
+from stack_counter.segmentation.scan_labels import ScanLabels
 from stack_counter.tsdf import TopView, Tsdf
 from stack_counter.types import (
     PARTS,
@@ -47,13 +48,17 @@ class StackCounter:
     """Collects the views of one scan; says V, and with an estimator and a part the count."""
 
     def __init__(self, config: ReconstructorConfig):
+        """Raises ConfigError, PromptError or WeightsError as `ScanLabels`."""
         self._config = config
+        self._labels = ScanLabels(config)
         self._min_views = 1 if config.live else config.min_views
         self.reset()
 
     def reset(self) -> None:
         """Forgets the scan."""
         c = self._config
+        self._labels.reset()
+        self._segmenter: Segmenter = GivenLabels()  # of the last volume
         self._tsdf = Tsdf(c.voxel_size, c.trunc_voxels, c.depth_trunc)
         self._region: Region | None = None
         self._views: list[View] = []  # used so far; once the region is known, cropped to it
@@ -96,9 +101,15 @@ class StackCounter:
             raise ScanError(f"{len(self._views)} views used of {self._received} (skipped: "
                             f"{dict(self._skipped)}); expected at least {self._min_views}")
         with self._timed("finish"):
+            with self._timed("segment"):
+                self._views = self._labels.label(self._views)
             volume = self._from_depth() if self._with_depth() else self._from_labels()
         self.coverage = volume.coverage
         return replace(volume, seconds=dict(self._seconds))
+
+    def labelled_views(self) -> list[View]:
+        """The views of the last volume, cut to what matters, with their label images."""
+        return [replace(view, labels=self._segmenter.segment(view)) for view in self._views]
 
     def count(self, unit_volume: float, estimator: OccupancyEstimator, confidence: float
               ) -> StackCount:
@@ -115,8 +126,7 @@ class StackCounter:
             raise ViewError("too_many_views", f"{len(self._views)} views already; expected at "
                                               f"most {self._config.max_views}")
         view = geometry.rectify(view)
-        if view.depth is None and view.labels is None:
-            raise ViewError("no_depth", "neither depth nor label image; expected one of them")
+        self._labels.take(view)
         if self._views and (view.depth is not None) != self._with_depth():
             raise ViewError("no_depth" if self._with_depth() else "unexpected_depth",
                             "some views of the scan have depth and some have not; expected alike")
@@ -195,8 +205,9 @@ class StackCounter:
 
     def _volume(self, measure: Measure, segmenter: Segmenter, mesh: Mesh, *reasons: str
                 ) -> StackVolume:
+        self._segmenter = GivenLabels() if self._labels.on_views else segmenter
         with self._timed("segment"):
-            key_view = find_key_view(self._views, segmenter)
+            key_view = find_key_view(self._views, self._segmenter)
         return StackVolume(
             stamp_ns=max(v.stamp_ns for v in self._views), stack_volume=measure.stack_volume,
             stack_volume_std=measure.stack_volume_std, container=measure.container,

@@ -20,7 +20,7 @@ _STEP_NS = 10**9  # between two views
 
 
 def record(scene: Scene, views: int = 12, seed: int = 0, color: bool = True,
-           camera: DepthCamera | None = None) -> list[View]:
+           camera: DepthCamera | None = None, labels: bool = False) -> list[View]:
     """Views of a scene; their poses are the reported ones, their pixels those of the true ones.
 
     Args:
@@ -28,11 +28,13 @@ def record(scene: Scene, views: int = 12, seed: int = 0, color: bool = True,
         seed: of the arc, the noise and the materials.
         color: render colour too (seconds a view).
         camera: noise model of the depth.
+        labels: give the views their true label images.
     """
     random = np.random.default_rng([seed, scene.index, 0xA7])
     renderer, sensor = Renderer(scene), camera or DepthCamera()
     return [_view(renderer, T, noisy_pose(T, random), (i + 1) * _STEP_NS, sensor, random,
-                  seed if color else None) for i, T in enumerate(arc(scene, views, random))]
+                  seed if color else None, labels)
+            for i, T in enumerate(arc(scene, views, random))]
 
 
 def watch(states: list[Scene], seed: int = 0, color: bool = True) -> list[View]:
@@ -50,11 +52,12 @@ def watch(states: list[Scene], seed: int = 0, color: bool = True) -> list[View]:
 
 
 def _view(renderer: Renderer, T: np.ndarray, reported: np.ndarray, stamp_ns: int,
-          sensor: DepthCamera, random: np.random.Generator, materials: int | None) -> View:
-    depth, _ = renderer.depth_and_labels(CAMERA, T)
+          sensor: DepthCamera, random: np.random.Generator, materials: int | None,
+          with_labels: bool = False) -> View:
+    depth, labels = renderer.depth_and_labels(CAMERA, T)
     return View(
         stamp_ns=stamp_ns, intrinsics=CAMERA, T_world_camera=reported, camera=FRAME,
-        depth=sensor.measure(depth, CAMERA, random),
+        depth=sensor.measure(depth, CAMERA, random), labels=labels if with_labels else None,
         color=None if materials is None else renderer.color(CAMERA, T, materials))
 
 

@@ -1,0 +1,1 @@
+"""Metrics of the whole method on simulated and real recordings."""
