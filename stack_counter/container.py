@@ -21,7 +21,6 @@ MIN_RIM = 0.75  # share of the outline on which a rim must be seen
 _MIN_FACE = 0.8  # share of the outline on which one face of the wall must be seen
 _MIN_DROP = 0.1  # share of the outline on which the surface must fall inside the rim
 _MAX_SPREAD = 0.00045  # of the faces around their fit, without the depth's noise, m
-_PLAIN = 2.0  # times as much for a rectangle or a circle
 _NOISE_SPREAD = 0.3  # and what each metre of that adds
 _PITCH = 0.001  # of the map in which the rim is looked for, m
 _MOST_CELLS = 400  # along a side of that map
@@ -97,10 +96,10 @@ def _wall(rim: Rim, views: list[View], region: Region, config: ReconstructorConf
 def _is_container(rim: Rim, wall: Wall, region: Region) -> bool:
     """A heap has no level rim, and nothing smooth and steep all around below it; a block has
     nothing inside."""
-    smooth = _MAX_SPREAD + _NOISE_SPREAD * region.noise
+    smooth = wall.spread < _MAX_SPREAD + _NOISE_SPREAD * region.noise
     return (rim.share >= MIN_RIM and max(wall.outer_share, wall.inner_share) >= _MIN_FACE
             # A free-form outline bends to many a heap; a rectangle or a circle fits to none.
-            and wall.spread < (smooth if rim.form.kind == "free" else _PLAIN * smooth)
+            and (smooth or rim.form.kind != "free")
             and (rim.drop_share >= _MIN_DROP or wall.inner_share >= _MIN_FACE))
 
 
