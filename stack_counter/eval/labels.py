@@ -120,7 +120,8 @@ def _box(mask: np.ndarray, random: np.random.Generator) -> list[float]:
 
 def labels_by(config: ReconstructorConfig, views: list[View], depth: bool) -> list[View]:
     """The views with the labels that a run with these settings gives; none without a volume."""
-    stack = StackCounter(config)
+    # Live scans look for no depth in pictures, which does not change the labels.
+    stack = StackCounter(replace(config, live=not depth))
     for view in views:
         try:
             stack.add_view(replace(view, labels=None, depth=view.depth if depth else None))
