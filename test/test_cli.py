@@ -228,6 +228,7 @@ def test_prompts_label_pictures_that_have_nothing_else(tmp_path, capsys):
     assert run(capsys, "replay", path, *UNIT, "--direct", "--json", out, "--prompts",
                prompts_file(tmp_path, marks(first.labels)))[0] == 0
     result = json.loads(out.read_text())
+    assert result["seconds"]["read"] > 0 and result["seconds"]["segment"] > 0
     assert result["container"]["kind"] == "hull" and result["views"]["used"] == 6
     labelled = bag(tmp_path, painted(count=6, depth=False), "labelled")
     assert run(capsys, "replay", labelled, *UNIT, "--direct", "--json", out)[0] == 0

@@ -91,7 +91,7 @@ def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
     if truncated:
         count = flagged(count, "bag_truncated")
     total = time.perf_counter() - begin
-    spent = sum(count.seconds.values())
+    spent = sum(count.seconds.values()) - count.seconds["segment"]  # which is part of `finish`
     return Replayed(replace(count, seconds={
         **count.seconds, "load": loaded - begin, "read": total - spent - (loaded - begin),
         "total": total}), counts)
