@@ -24,7 +24,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, read_shard, record
-from stack_counter.types import BACKGROUND, CONTAINER, PARTS, View
+from stack_counter.types import CONTAINER, PARTS, View
 
 _LOOSE_PX = 8.0  # most that a user's box is too large, on each side
 _POINTS = 3  # that a user clicks on parts
@@ -106,7 +106,7 @@ def user_prompts(labels: np.ndarray, random: np.random.Generator) -> dict[str, A
         "boxes": [_box(parts, random)],
         "points": [[int(cols[i]), int(rows[i])] for i in clicked]}}
     if (labels == CONTAINER).any():
-        marks["container"] = {"boxes": [_box(labels != BACKGROUND, random)]}
+        marks["container"] = {"boxes": [_box(parts | (labels == CONTAINER), random)]}
     return marks
 
 
