@@ -211,10 +211,10 @@ install_package() {  # data files and commands; the code itself is used where it
 }
 
 if [[ $mode == wheels ]]; then
-  extras="wheels sim test"
+  extras="wheels sim sam2 test"
   setuptools="setuptools>=77"
 else
-  extras="sourced sim test"
+  extras="sourced sim sam2 test"
   setuptools="setuptools>=70,<80"  # colcon calls setup.py in ways that later ones dropped
 fi
 

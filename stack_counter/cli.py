@@ -92,6 +92,8 @@ def _parser() -> argparse.ArgumentParser:
     measures = commands.add_parser("evaluate", help="measure errors on simulated scenes")
     kinds = measures.add_subparsers(required=True, metavar="KIND")
     for kind, what in (("volume", "of V and the container"),
+                       ("labels", "of the labels that segmenters give"),
+                       ("images", "of V from pictures and labels, without depth"),
                        ("benchmark", "of V beside the published rule, and cost")):
         kinds.add_parser(kind, help=what).module = f"stack_counter.eval.{kind}"
     return parser
@@ -159,9 +161,6 @@ def _positive(text: str) -> int:
 
 def _settings(options: argparse.Namespace) -> Config:
     """The settings file (or the shipped one) with the command line's own on top."""
-    if options.prompts is not None:
-        raise ConfigError(f"--prompts {options.prompts}: the prompted segmenter is not part of "
-                          "this version; record label images instead")
     if options.rate < 0:
         raise ConfigError(f"--rate is {options.rate}; expected above 0")
     config = load(options.config or config_path("stack_counter.yaml"))
@@ -169,9 +168,12 @@ def _settings(options: argparse.Namespace) -> Config:
               "weights": str(options.weights) if options.weights else None}
     values = {**config.counter.__dict__,
               **{key: value for key, value in chosen.items() if value is not None}}
-    return replace(config, counter=build(CounterConfig, values),
-                   reconstructor=replace(config.reconstructor,
-                                         live=options.live or config.reconstructor.live))
+    reconstructor = replace(config.reconstructor, live=options.live or config.reconstructor.live)
+    if options.prompts is not None:
+        by_sam2 = reconstructor.segmenter == "sam2"
+        reconstructor = replace(reconstructor, prompts=str(options.prompts.absolute()),
+                                segmenter="sam2" if by_sam2 else "prompted")
+    return replace(config, counter=build(CounterConfig, values), reconstructor=reconstructor)
 
 
 def _replay(options: argparse.Namespace) -> int:
@@ -186,6 +188,10 @@ def _replay(options: argparse.Namespace) -> int:
     weights = config.counter.weights
     make_estimator(config.counter.estimator, Path(weights) if weights else None)  # or say why not
     configured_container(config.reconstructor)  # or say why not
+    if config.reconstructor.prompts:
+        from stack_counter.bag.replay import check_prompts
+
+        check_prompts(options.bag, config)
     from stack_counter.report import as_dict, as_text, write_report  # after the cheap checks
 
     with tqdm(unit=" views", desc="replay", disable=not sys.stderr.isatty()) as bar:

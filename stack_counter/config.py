@@ -79,6 +79,12 @@ class ReconstructorConfig:
     container: str = _setting("", "name of a taught container; empty: none")
     container_catalogue: str = _setting("", "file of the taught containers; empty: "
                                             "config/containers.yaml")
+    segmenter: str = _setting("auto", "who labels the views; auto: prompts if set, else depth, "
+                                      "else the views' own labels",
+                              choices=("auto", "geometric", "labels", "prompted", "sam2"))
+    prompts: str = _setting("", "what is marked in the first view: a YAML file, or its text in "
+                                "braces")
+    sam2_weights: str = _setting("", "folder of a SAM 2 video model with safetensors, for sam2")
     container_kind: str = _setting("auto", "what holds the parts",
                                    choices=("auto", "box", "round", "free", "none"))
     container_inner_size_m: tuple[float, ...] = _setting(

@@ -97,9 +97,10 @@ def _wall(rim: Rim, views: list[View], region: Region, config: ReconstructorConf
 def _is_container(rim: Rim, wall: Wall, region: Region, named: bool) -> bool:
     """A heap has no level rim, and nothing smooth and steep all around below it, unless labels
     name a container; a block has nothing inside."""
-    smooth = max(wall.outer_share, wall.inner_share) >= _MIN_FACE \
-        and wall.spread < _MAX_SPREAD + _NOISE_SPREAD * region.noise
-    return (rim.share >= MIN_RIM and (smooth or named)
+    smooth = wall.spread < _MAX_SPREAD + _NOISE_SPREAD * region.noise
+    steep = max(wall.outer_share, wall.inner_share) >= _MIN_FACE
+    # A free-form outline bends to many a heap; a rectangle or a circle fits to none.
+    return (rim.share >= MIN_RIM and (named or steep and (smooth or rim.form.kind != "free"))
             and (rim.drop_share >= _MIN_DROP or wall.inner_share >= _MIN_FACE))
 
 

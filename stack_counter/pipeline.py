@@ -29,6 +29,7 @@ from stack_counter.region import Region, crop_to_region, find_region, grow, worl
 from stack_counter.segmentation import Segmenter
 from stack_counter.segmentation.geometric import Geometric
 from stack_counter.segmentation.given import GivenLabels, label_image
+from stack_counter.segmentation.scan_labels import ScanLabels
 from stack_counter.tsdf import TopView, Tsdf
 from stack_counter.types import (
     BACKGROUND,
@@ -56,15 +57,19 @@ class StackCounter:
     """Collects the views of one scan; says V, and with an estimator and a part the count."""
 
     def __init__(self, config: ReconstructorConfig):
-        """Raises `ConfigError` where the taught container that `config` names is not known."""
+        """Raises `ConfigError` where the taught container that `config` names is not known, and
+        ConfigError, PromptError or WeightsError as `ScanLabels`."""
         self._config = config
         self._taught = configured_container(config)
+        self._labels = ScanLabels(config)
         self._min_views = 1 if config.live else config.min_views
         self.reset()
 
     def reset(self, unit_volume: float = 0.0) -> None:
         """Forgets the scan; the next one is of parts of `unit_volume` (m3; 0: not known)."""
         self._unit_volume = unit_volume
+        self._labels.reset()
+        self._segmenter: Segmenter = GivenLabels()  # of the last volume
         self._tsdf: Tsdf | None = None  # once it is known where the stack is
         self._region: Region | None = None
         self._rivals: str | None = None  # containers, where more than one is in sight
@@ -108,9 +113,15 @@ class StackCounter:
             raise ScanError(f"{len(self._views)} views used of {self._received} (skipped: "
                             f"{dict(self._skipped)}); expected at least {self._min_views}")
         with self._timed("finish"):
+            with self._timed("segment"):
+                self._views = self._labels.label(self._views)
             volume = self._from_depth() if self._with_depth() else self._from_labels()
         self.coverage = volume.coverage
         return replace(volume, seconds=dict(self._seconds))
+
+    def labelled_views(self) -> list[View]:
+        """The views of the last volume, cut to what matters, with their label images."""
+        return [replace(view, labels=self._segmenter.segment(view)) for view in self._views]
 
     def count(self, unit_volume: float, estimator: OccupancyEstimator, confidence: float
               ) -> StackCount:
@@ -127,8 +138,7 @@ class StackCounter:
             raise ViewError("too_many_views", f"{len(self._views)} views already; expected at "
                                               f"most {self._config.max_views}")
         view = geometry.rectify(view)
-        if view.depth is None and view.labels is None:
-            raise ViewError("no_depth", "neither depth nor label image; expected one of them")
+        self._labels.take(view)
         if self._views and (view.depth is not None) != self._with_depth():
             raise ViewError("no_depth" if self._with_depth() else "unexpected_depth",
                             "some views of the scan have depth and some have not; expected alike")
@@ -241,8 +251,9 @@ class StackCounter:
 
     def _volume(self, measure: Measure, segmenter: Segmenter, mesh: Mesh, *reasons: str
                 ) -> StackVolume:
+        self._segmenter = GivenLabels() if self._labels.on_views else segmenter
         with self._timed("segment"):
-            key_view = find_key_view(self._views, segmenter)
+            key_view = find_key_view(self._views, self._segmenter)
         return StackVolume(
             stamp_ns=max(v.stamp_ns for v in self._views), stack_volume=measure.stack_volume,
             stack_volume_std=measure.stack_volume_std, container=measure.container,
@@ -267,7 +278,7 @@ def volume_of(scan: DepthScan, config: ReconstructorConfig, unit_volume: float =
     Raises:
         ScanError: as `StackCounter.volume`.
     """
-    stack = StackCounter(config)
+    stack = StackCounter(replace(config, segmenter="auto", prompts=""))  # they are labelled
     stack.reset(unit_volume)
     for view in scan.views:
         with suppress(ViewError):  # counted in the tally; the others go on

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from painted import marks, painted, unlabelled
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from bags import FRAME, bag, bin_views
@@ -210,3 +211,46 @@ def test_teach_says_what_it_lacks(tmp_path, capsys):
     damaged.write_text("containers: 3")
     code, _, err = run(capsys, "container", "teach", "tote", bag(tmp_path), "--out", damaged)
     assert code == 2 and "is malformed" in err and damaged.read_text() == "containers: 3"
+
+
+def prompts_file(tmp_path, document=None):
+    path = tmp_path / "prompts.yaml"
+    path.write_text(json.dumps(document or marks(painted()[0].labels)))
+    return path
+
+
+def test_prompts_label_pictures_that_have_nothing_else(tmp_path, capsys):
+    path = bag(tmp_path, unlabelled(painted(count=6, depth=False)))
+    code, _, err = run(capsys, "replay", path, *UNIT, "--direct")
+    assert code == 3 and "'no_depth': 6" in err
+    out = tmp_path / "r.json"
+    first = painted(count=6, depth=False)[0]
+    assert run(capsys, "replay", path, *UNIT, "--direct", "--json", out, "--prompts",
+               prompts_file(tmp_path, marks(first.labels)))[0] == 0
+    result = json.loads(out.read_text())
+    assert result["seconds"]["read"] > 0 and result["seconds"]["segment"] > 0
+    assert result["container"]["kind"] == "hull" and result["views"]["used"] == 6
+    labelled = bag(tmp_path, painted(count=6, depth=False), "labelled")
+    assert run(capsys, "replay", labelled, *UNIT, "--direct", "--json", out)[0] == 0
+    true = json.loads(out.read_text())
+    assert result["volume_m3"] == pytest.approx(true["volume_m3"], rel=0.08)
+
+
+@pytest.mark.parametrize("mode", ["--direct", "--nodes"])
+@pytest.mark.parametrize("document, said", [
+    ({"parts": {"boxes": [[0, 0, 900, 80]]}}, "outside of the 160x120 image"),
+    ({"part": {}}, "unknown key 'part'"),
+    (None, "no prompts file")])
+def test_bad_prompts_exit_2_before_anything_starts(tmp_path, capsys, mode, document, said):
+    path = prompts_file(tmp_path, document) if document else tmp_path / "none.yaml"
+    code, _, err = run(capsys, "replay", bag(tmp_path), *UNIT, mode, "--prompts", path)
+    assert code == 2 and said in err
+
+
+def test_prompts_go_to_sam2_if_the_settings_say_so(tmp_path, capsys):
+    config = tmp_path / "c.yaml"
+    config.write_text("/stack_counter/reconstructor: {ros__parameters: {segmenter: sam2, "
+                      f"sam2_weights: {tmp_path / 'none'}}}}}")
+    code, _, err = run(capsys, "replay", bag(tmp_path), *UNIT, "--direct", "--config", config,
+                       "--prompts", prompts_file(tmp_path, {"parts": {"points": [[80, 60]]}}))
+    assert code == 2 and "no folder" in err and "SAM 2" in err

@@ -31,6 +31,7 @@ _AHEAD = 4  # images played that have not yet been processed
 _START_WITHIN_S = 60.0
 _STALL_S = 30.0  # no image processed for so long: a node hangs
 _PATIENT_S = 20.0  # how long the collector waits for a pose that the bag may still hold
+_COUNT_WITHIN_S = 900.0  # of the last image: SAM 2 takes seconds a view without a GPU
 _SETTLE_S = 3.0  # last images wait so long for depth or TF that may still come
 _TRANSIENT = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -158,8 +159,8 @@ class Player(Node):
             last = self.counts[-1] if self.counts else StackCount()
             return last.final and last.scan_id == scan_id == self.volume.scan_id
 
-        if not self.wait(final, _START_WITHIN_S, check):
-            raise NodeError(f"no count of scan '{scan_id}' within {_START_WITHIN_S} s")
+        if not self.wait(final, _COUNT_WITHIN_S, check):
+            raise NodeError(f"no count of scan '{scan_id}' within {_COUNT_WITHIN_S} s")
         return self.counts[-1]
 
 

@@ -18,6 +18,8 @@ from stack_counter.counting import flagged
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.occupancy import make_estimator
 from stack_counter.pipeline import StackCounter, count_stack, joined_tally
+from stack_counter.segmentation.prompts import read_prompts
+from stack_counter.segmentation.scan_labels import ScanLabels
 from stack_counter.types import StackCount, StackVolume, ViewTally
 
 
@@ -39,6 +41,23 @@ def no_count(error: str, tally: ViewTally, hints: list[str]) -> ScanError:
     """The error of a bag that gives no count, with what became of its images."""
     return ScanError("; ".join([error, f"{tally.received} images in the bag, skipped "
                                        f"{tally.skipped}", *hints]))
+
+
+def check_prompts(path: Path, config: Config) -> None:
+    """Refuses prompts that do not fit the first view of a bag, before any node is started.
+
+    Raises:
+        BagError: the bag cannot be read.
+        ConfigError, WeightsError: as `ScanLabels`.
+        PromptError: the prompts do not fit.
+    """
+    ScanLabels(config.reconstructor)  # or say why not
+    reader = BagReader(path)
+    collector = fit_config(config.collector, reader.topics)
+    first = next(read_views(reader, collector, ViewAssembler(collector, live=False)), None)
+    if first is not None:
+        read_prompts(config.reconstructor.prompts).check(first.intrinsics.width,
+                                                         first.intrinsics.height)
 
 
 def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
@@ -72,7 +91,7 @@ def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
     if truncated:
         count = flagged(count, "bag_truncated")
     total = time.perf_counter() - begin
-    spent = sum(count.seconds.values())
+    spent = sum(count.seconds.values()) - count.seconds["segment"]  # which is part of `finish`
     return Replayed(replace(count, seconds={
         **count.seconds, "load": loaded - begin, "read": total - spent - (loaded - begin),
         "total": total}), counts)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
 from stack_counter_msgs.msg import PosedImage, ScanStatus, StackVolume
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from stack_counter.config import ReconstructorConfig
-from stack_counter.errors import ScanError, ViewError
+from stack_counter.errors import ScanError, StackCounterError, ViewError
 from stack_counter.nodes.base import LATCHED, RELIABLE, ManagedNode, run
 from stack_counter.nodes.conversions import to_header, to_stack_volume, to_tally
 from stack_counter.nodes.markers import container_markers, surface_points
@@ -31,7 +33,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
     def setup(self, config: ReconstructorConfig) -> None:
         """Makes an empty reconstruction and connects it."""
         self._config = config
-        self._stack = StackCounter(config)
+        self._stack = self._next = StackCounter(config)  # of this scan, and of those to come
         self._scan: PosedImage | None = None  # first image of the scan; None between scans
         self._received = 0
         self._stopped: ScanStatus | None = None
@@ -43,6 +45,8 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self._images = self.subscribe(PosedImage, "posed_images", self._on_image, RELIABLE)
         self.subscribe(ScanStatus, "scan_status", self._on_status, RELIABLE)
         self.serve(Trigger, "reset_reconstruction", self._reset)
+        self.add_on_set_parameters_callback(self._on_parameters)
+        self.undo_with(lambda: self.remove_on_set_parameters_callback(self._on_parameters))
         self.tick(0.5, self._finish_if_whole)
         self.tick(0.2, self._greet)
 
@@ -74,6 +78,17 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
             self._publish_volume(final=False)
         self._finish_if_whole()
 
+    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        """New prompts hold from the next scan on; other parameters from the next configure on."""
+        prompts = [p.value for p in parameters if p.name == "prompts"]
+        try:
+            for text in prompts:
+                config = replace(self._config, prompts=text)
+                self._next, self._config = StackCounter(config), config
+        except StackCounterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
     def _warn(self, error: ViewError) -> None:
         self.get_logger().warning(f"view skipped: {error}", throttle_duration_sec=5.0)
 
@@ -81,6 +96,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self._scan, self._received = message, 0
         if self._stopped is not None and self._stopped.scan_id != message.scan_id:
             self._stopped = None
+        self._stack = self._next
         self._stack.reset(message.unit_volume)
 
     def _on_status(self, message: ScanStatus) -> None:

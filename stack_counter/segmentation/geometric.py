@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import ndimage
 
 from stack_counter import geometry
 from stack_counter.inner_surface import WallTable
 from stack_counter.region import Region, world_points
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS, Container, View
 
-_NOISE = 0.004  # what lies less than this above floor or plane is floor or plane, m
+_NOISE = 0.003  # what lies less than this above floor or plane is floor or plane, m
+_GAP_PX = 3.0  # pixels without depth so near to one with depth show what that one shows
 
 
 class Geometric:
@@ -21,12 +23,18 @@ class Geometric:
         self._wall = None if container.rings is None else WallTable(container)
 
     def segment(self, view: View, stride: int = 1) -> np.ndarray:
-        """(h, w) uint8 label image of every `stride`-th pixel; no depth counts as background.
+        """(h, w) uint8 label image of every `stride`-th pixel.
+
+        Depth cameras see nothing at edges: narrow gaps are closed, wide ones are background.
 
         Raises:
             ViewError: reason `no_depth`.
         """
         points = world_points(view, stride)
+        return _closed(self._labels(points), np.isnan(points[..., 2]), _GAP_PX / stride)
+
+    def _labels(self, points: np.ndarray) -> np.ndarray:
+        """(h, w) uint8 label image of (h, w, 3) world points, metres; NaN is background."""
         labels = np.full(points.shape[:2], BACKGROUND, np.uint8)
         standing = self._region.holds(points) & (points[..., 2] > self._region.plane_z + _NOISE)
         if self._wall is None:
@@ -43,3 +51,11 @@ class Geometric:
         labels[standing] = np.select([near & (held | above), near], [PARTS, CONTAINER],
                                      BACKGROUND)
         return labels
+
+
+def _closed(labels: np.ndarray, gaps: np.ndarray, reach: float) -> np.ndarray:
+    """(h, w) uint8 labels; those of (h, w) bool gaps from the nearest pixel within reach."""
+    if gaps.all():
+        return labels
+    distance, nearest = ndimage.distance_transform_edt(gaps, return_indices=True)
+    return np.where(distance <= reach, labels[tuple(nearest)], BACKGROUND).astype(np.uint8)

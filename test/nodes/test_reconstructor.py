@@ -1,8 +1,13 @@
 """The reconstructor over real DDS."""
 
+import json
+
 import pytest
 from analytic import Scene
 from harness import LATCHED
+from painted import marks, painted, unlabelled
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from stack_counter_msgs.msg import PosedImage, ScanStatus, StackVolume
 
@@ -54,3 +59,18 @@ def test_too_few_views_say_so_and_lost_ones_are_named(reconstructor):
     assert "2 views used" in few.error and "expected at least 3" in few.error
     lost = reconstructor(box.views(4), "lost", announced=5)
     assert list(lost.reasons) == ["views_lost"]
+
+
+def test_prompts_by_the_parameter_service_hold_from_the_next_scan_on(ros, reconstructor):
+    def set_prompts(document):
+        value = Parameter("prompts", value=json.dumps(document)).to_parameter_msg()
+        return ros.call(SetParameters, f"{SPACE}/reconstructor/set_parameters",
+                        SetParameters.Request(parameters=[value])).results[0]
+
+    views = painted(depth=False)
+    assert "no_depth" in reconstructor(unlabelled(views), "plain").error
+    bad = set_prompts({"part": {}})
+    assert not bad.successful and "unknown key 'part'" in bad.reason
+    assert set_prompts(marks(views[0].labels)).successful
+    volume = reconstructor(unlabelled(views), "marked")
+    assert not volume.error and volume.has_key_view

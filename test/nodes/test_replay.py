@@ -4,7 +4,9 @@ import json
 from pathlib import Path
 
 import pytest
+from painted import marks, painted, unlabelled
 
+from bags import bag
 from stack_counter.cli import main
 
 DEMO = Path(__file__).parents[2] / "bags" / "demo"
@@ -44,3 +46,19 @@ def test_a_node_that_cannot_start_says_why(tmp_path, capsys):
                       f"    weights: {tmp_path / 'none.safetensors'}\n")
     assert main(["replay", str(DEMO), "--part", "demo_nut", "--config", str(config)]) == 2
     assert "none.safetensors" in capsys.readouterr().err
+
+
+def test_prompts_give_the_same_through_the_nodes(tmp_path, capsys):
+    views = painted(count=6, depth=False)
+    recording, prompts = bag(tmp_path, unlabelled(views)), tmp_path / "prompts.yaml"
+    prompts.write_text(json.dumps(marks(views[0].labels)))
+    results = []
+    for how in ("--nodes", "--direct"):
+        out = tmp_path / f"{how}.json"
+        assert main(["replay", str(recording), "--unit-volume-cm3", "30", "--prompts",
+                     str(prompts), "--json", str(out), how]) == 0, capsys.readouterr().err
+        results.append(json.loads(out.read_text()))
+    assert results[0]["views"]["used"] == 6
+    for key in ("count", "count_interval", "views", "reasons"):
+        assert results[0][key] == results[1][key], key
+    assert results[0]["volume_m3"] == pytest.approx(results[1]["volume_m3"], rel=1e-9)

@@ -1,0 +1,149 @@
+"""How well the segmenters find the parts: intersection over union with rendered truth.
+
+Every scene is recorded with colour, noisy depth and noisy poses and goes through `StackCounter`.
+The prompts are what a user would mark in the first view: a loose box around the container, one
+around the parts, and a few points on parts. A scene's IoU is of the pixels of all its views; one
+that gives no volume has 0.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+from tqdm import tqdm
+
+from stack_counter.config import ReconstructorConfig
+from stack_counter.errors import ScanError, ViewError
+from stack_counter.pipeline import StackCounter
+from stack_counter.sim import Scene, read_shard, record
+from stack_counter.types import CONTAINER, PARTS, View
+
+_LOOSE_PX = 8.0  # most that a user's box is too large, on each side
+_POINTS = 3  # that a user clicks on parts
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments that `run` reads."""
+    parser.add_argument("--set", type=Path, required=True, metavar="DIR", help="simulated scenes")
+    parser.add_argument("--scenes", type=int, default=30, metavar="N", help="how many of them")
+    parser.add_argument("--seed", type=int, default=0, metavar="S",
+                        help="of the choice of scenes, the recordings and the prompts")
+    parser.add_argument("--views", type=int, default=8, help="of a recording (default 8)")
+    parser.add_argument("--depth", action=argparse.BooleanOptionalAction, default=True,
+                        help="views with depth; without, prompted only")
+    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write the scenes' IoU here")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Prints mean, 10th percentile and worst IoU of every segmenter; returns the exit code."""
+    scenes = choose(args.set, args.scenes, args.seed)
+    score = partial(score_scene, views=args.views, seed=args.seed, depth=args.depth)
+    with ProcessPoolExecutor(args.workers) as pool:
+        rows = list(tqdm(pool.map(score, scenes), total=len(scenes), desc="labels"))
+    for name in rows[0]["iou"]:
+        print(f"{name}: {summary([row['iou'][name] for row in rows])}")
+    if args.json:
+        args.json.write_text(json.dumps(rows, indent=2) + "\n")
+    return 0
+
+
+def summary(ious: list[float]) -> str:
+    """One line on the IoU of many scenes."""
+    return (f"IoU of parts mean {np.mean(ious):.3f}, p10 {np.quantile(ious, 0.1):.3f}, worst "
+            f"{np.min(ious):.3f}, {len(ious)} scenes")
+
+
+def choose(folder: Path, count: int, seed: int) -> list[Scene]:
+    """Scenes of a folder, about as many of each shard.
+
+    Raises:
+        FileNotFoundError: no shards.
+    """
+    paths = sorted(folder.glob("shard_*.npz"))
+    if not paths:
+        raise FileNotFoundError(f"no shard_*.npz in {folder}; expected those that simulate writes")
+    random, scenes = np.random.default_rng(seed), []
+    for number in random.permutation(len(paths))[:count]:
+        shard = read_shard(paths[number])
+        picked = random.permutation(len(shard))[:-(-count // len(paths))]
+        scenes += [shard[i] for i in picked]
+    return scenes[:count]
+
+
+def score_scene(scene: Scene, views: int, seed: int, depth: bool) -> dict[str, Any]:
+    """Family, kind of container, and IoU by segmenter."""
+    recorded = record(scene, views, seed, labels=True)
+    return {"scene": scene.index, "family": scene.shape.family, "kind": scene.container.kind,
+            "iou": score_views(recorded, np.random.default_rng([seed, scene.index]), depth)}
+
+
+def score_views(views: list[View], random: np.random.Generator, depth: bool) -> dict[str, float]:
+    """IoU by segmenter of views that hold the true labels."""
+    assert views[0].labels is not None  # for the type checker
+    prompts = json.dumps(user_prompts(views[0].labels, random))
+    settings = {"geometric": {"segmenter": "geometric"}} if depth else {}
+    settings["prompted"] = {"segmenter": "prompted", "prompts": prompts}
+    return {name: parts_iou(labels_by(ReconstructorConfig(**setting), views, depth), views)
+            for name, setting in settings.items()}
+
+
+def user_prompts(labels: np.ndarray, random: np.random.Generator) -> dict[str, Any]:
+    """What a user would mark in a view with these true labels, (h, w) uint8."""
+    parts = labels == PARTS
+    inner = ndimage.binary_erosion(parts, iterations=2)
+    rows, cols = np.nonzero(inner if inner.any() else parts)
+    clicked = random.integers(len(rows), size=_POINTS)
+    marks: dict[str, Any] = {"parts": {
+        "boxes": [_box(parts, random)],
+        "points": [[int(cols[i]), int(rows[i])] for i in clicked]}}
+    if (labels == CONTAINER).any():
+        marks["container"] = {"boxes": [_box(parts | (labels == CONTAINER), random)]}
+    return marks
+
+
+def _box(mask: np.ndarray, random: np.random.Generator) -> list[float]:
+    """A loose box, x0, y0, x1, y1, around an (h, w) bool area."""
+    rows, cols = np.nonzero(mask)
+    tight = np.array([cols.min(), rows.min(), cols.max(), rows.max()])
+    loose = tight + random.uniform(0, _LOOSE_PX, 4) * [-1, -1, 1, 1]
+    return np.clip(loose, 0, [mask.shape[1], mask.shape[0]] * 2).round(1).tolist()
+
+
+def labels_by(config: ReconstructorConfig, views: list[View], depth: bool) -> list[View]:
+    """The views with the labels that a run with these settings gives; none without a volume."""
+    # Live scans look for no depth in pictures, which does not change the labels.
+    stack = StackCounter(replace(config, live=not depth))
+    for view in views:
+        try:
+            stack.add_view(replace(view, labels=None, depth=view.depth if depth else None))
+        except ViewError:
+            continue  # its pixels count as background
+    try:
+        stack.volume()
+    except ScanError:
+        return []
+    return stack.labelled_views()
+
+
+def parts_iou(labelled: list[View], truth: list[View]) -> float:
+    """IoU of the parts' pixels of all true views; a labelled one may be cut, or missing."""
+    whole = {view.stamp_ns: view for view in truth}
+    shared = found = 0
+    for view in labelled:
+        full, k = whole[view.stamp_ns], view.intrinsics
+        assert view.labels is not None and full.labels is not None  # for the type checker
+        x, y = round(full.intrinsics.cx - k.cx), round(full.intrinsics.cy - k.cy)
+        true = full.labels[y:y + k.height, x:x + k.width] == PARTS
+        shared += np.count_nonzero(true & (view.labels == PARTS))
+        found += np.count_nonzero(view.labels == PARTS)
+    there = sum(np.count_nonzero(view.labels == PARTS) for view in truth)
+    return shared / (there + found - shared)

@@ -1,0 +1,154 @@
+"""Labels by SAM 2: the prompts of the first view, followed through the views as through a video.
+
+    labels = Sam2(folder).segment_views(views, read_prompts(path))
+
+The weights are the user's: a local folder with `config.json` and safetensors, as
+`transformers` saves a `Sam2VideoModel`. Nothing is downloaded.
+
+Source: Ravi et al., "SAM 2: Segment Anything in Images and Videos" (2024).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+
+from stack_counter.errors import WeightsError
+from stack_counter.segmentation.prompted import check_views
+from stack_counter.segmentation.prompts import Prompts
+from stack_counter.types import BACKGROUND, CONTAINER, PARTS, View
+
+_MODEL = "sam2_video"  # `model_type` in config.json
+# Mean and standard deviation of the colours that SAM 2 was trained with (ImageNet's).
+_MEAN, _STD = np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225])
+_OFF, _ON, _LOW_CORNER, _HIGH_CORNER = 0, 1, 2, 3  # what SAM 2 calls a point
+
+
+class Sam2:
+    """A loaded model."""
+
+    def __init__(self, folder: Path):
+        """Loads the weights.
+
+        Args:
+            folder: with `config.json` and safetensors.
+
+        Raises:
+            WeightsError: folder or safetensors missing, damaged, of another model or incomplete;
+                or `transformers` is not installed.
+        """
+        _check_folder(Path(folder))
+        try:
+            from transformers import Sam2VideoInferenceSession, Sam2VideoModel
+            from transformers import logging as messages
+        except ImportError as error:
+            raise WeightsError("SAM 2 needs the package transformers, which is not installed; "
+                               "expected pip install 'stack_counter[sam2]'") from error
+        messages.disable_progress_bar()
+        try:
+            model, report = Sam2VideoModel.from_pretrained(
+                folder, local_files_only=True, use_safetensors=True, output_loading_info=True)
+        except Exception as error:  # a library's choice: OSError, ValueError, its own
+            raise WeightsError(f"{folder} cannot be loaded as a SAM 2 video model: "
+                               f"{str(error).splitlines()[0]}") from error
+        lacking = sorted(str(k) for k in [*report["missing_keys"], *report["mismatched_keys"]])
+        if lacking:
+            raise WeightsError(f"{folder} lacks {len(lacking)} tensors, first {lacking[0]}; "
+                               "expected all of a SAM 2 video model")
+        self._model = model.eval()
+        self._session = Sam2VideoInferenceSession
+        size = model.config.vision_config.backbone_config.image_size
+        self._height, self._width = np.broadcast_to(size, 2).tolist()
+
+    def segment_views(self, views: Sequence[View], prompts: Prompts) -> list[np.ndarray]:
+        """Labels every view of a scan; views that follow one another should look alike.
+
+        Args:
+            views: rectified views with colour.
+            prompts: marks in `views[0]`.
+
+        Returns:
+            (h, w) uint8 label images (0, 1, 2), one for each view; where both classes claim a
+            pixel it is parts, as a container's mask takes in what it holds.
+
+        Raises:
+            PromptError: the prompts do not fit the first view.
+            ViewError: reason `no_color`.
+        """
+        if not views:
+            return []
+        check_views(views, prompts)
+        session = self._session(video=torch.stack([self._pixels(view) for view in views]),
+                                video_height=views[0].intrinsics.height,
+                                video_width=views[0].intrinsics.width, dtype=torch.float32)
+        self._add_prompts(session, prompts, views[0])
+        labels = []
+        with torch.inference_mode():
+            for frame in self._model.propagate_in_video_iterator(session, start_frame_idx=0):
+                masks = {number: frame.pred_masks[i, 0].float().numpy()
+                         for i, number in enumerate(frame.object_ids)}
+                labels.append(_label_image(masks, views[frame.frame_idx]))
+        return labels
+
+    def _pixels(self, view: View) -> torch.Tensor:
+        """(3, height, width) float32 of the model's size, colours as in its training."""
+        assert view.color is not None  # for the type checker: `check_views`
+        shrinks = view.color.shape[0] > self._height
+        small = cv2.resize(view.color, (self._width, self._height), interpolation=cv2.INTER_AREA
+                           if shrinks else cv2.INTER_LINEAR)
+        return torch.from_numpy(np.moveaxis((small / 255 - _MEAN) / _STD, -1, 0)).float()
+
+    def _add_prompts(self, session: Any, prompts: Prompts, first: View) -> None:
+        scale = np.array([self._width / first.intrinsics.width,
+                          self._height / first.intrinsics.height])
+        others = [prompts.background_points, prompts.container_points]
+        for number, boxes, points, off in (
+                (PARTS, prompts.part_boxes, prompts.part_points, np.concatenate(others)),
+                (CONTAINER, prompts.container_boxes, prompts.container_points,
+                 prompts.background_points)):
+            if not len(boxes) + len(points):
+                continue
+            corners = np.array([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)]) \
+                if len(boxes) else np.zeros((0, 2))
+            marks = np.concatenate([corners, points, off]) * scale
+            kinds = [_LOW_CORNER, _HIGH_CORNER][:len(corners)] + [_ON] * len(points) \
+                + [_OFF] * len(off)
+            session.add_point_inputs(session.obj_id_to_idx(number), 0, {
+                "point_coords": torch.tensor(marks, dtype=torch.float32)[None, None],
+                "point_labels": torch.tensor(kinds, dtype=torch.int32)[None, None]})
+        session.obj_with_new_inputs = list(session.obj_ids)
+
+
+def _label_image(masks: dict[int, np.ndarray], view: View) -> np.ndarray:
+    """(h, w) uint8 from log odds, (n, m) float32, by class."""
+    k = view.intrinsics
+    labels = np.full((k.height, k.width), BACKGROUND, np.uint8)
+    for number in (CONTAINER, PARTS):
+        if number in masks:
+            large = cv2.resize(masks[number], (k.width, k.height),
+                               interpolation=cv2.INTER_LINEAR)
+            labels[large > 0] = number
+    return labels
+
+
+def _check_folder(folder: Path) -> None:
+    if not folder.is_dir():
+        raise WeightsError(f"no folder {folder}; expected one with a SAM 2 video model")
+    config = folder / "config.json"
+    if not config.is_file():
+        raise WeightsError(f"no config.json in {folder}; expected a SAM 2 video model")
+    try:
+        document = json.loads(config.read_text())
+    except ValueError as error:
+        raise WeightsError(f"{config} is not JSON: {error}") from error
+    kind = document.get("model_type") if isinstance(document, dict) else None
+    if kind != _MODEL:
+        raise WeightsError(f"{config} is of model type '{kind}'; expected '{_MODEL}'")
+    if not any(folder.glob("*.safetensors")):
+        raise WeightsError(f"no .safetensors in {folder}; expected the weights in that format")

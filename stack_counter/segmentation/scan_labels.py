@@ -1,0 +1,113 @@
+"""The labels of a scan as the settings want them: `segmenter`, `prompts` and `sam2_weights`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from stack_counter.config import ReconstructorConfig
+from stack_counter.errors import ConfigError, ViewError
+from stack_counter.segmentation.prompted import Prompted
+from stack_counter.segmentation.prompts import PromptError, Prompts, read_prompts
+from stack_counter.types import View
+
+_BY_PROMPTS = ("prompted", "sam2")
+
+
+class PromptSegmenter(Protocol):
+    """Labels all views of a scan from prompts in the first of them."""
+
+    def segment_views(self, views: Sequence[View], prompts: Prompts) -> list[np.ndarray]:
+        """(h, w) uint8 label images (0, 1, 2), one for each view."""
+        ...
+
+
+class ScanLabels:
+    """Says what the views of one scan need, and gives them their label images."""
+
+    def __init__(self, config: ReconstructorConfig):
+        """Reads prompts and weights.
+
+        Raises:
+            ConfigError: the settings do not fit each other.
+            PromptError: no or bad prompts.
+            WeightsError: no or bad SAM 2 weights.
+        """
+        self._kind = "prompted" if config.segmenter == "auto" and config.prompts \
+            else config.segmenter
+        if self._kind in _BY_PROMPTS and not config.prompts:
+            raise ConfigError(f"segmenter is '{config.segmenter}' and prompts is empty; expected "
+                              "a prompts file")
+        if config.prompts and self._kind not in _BY_PROMPTS:
+            raise ConfigError(f"prompts is set and segmenter is '{config.segmenter}'; expected "
+                              "auto, prompted or sam2")
+        self._first: View | None = None  # whole: prompts are pixels of it
+        self._prompts = read_prompts(config.prompts) if config.prompts else None
+        self._segmenter: PromptSegmenter | None = None
+        if self._prompts is not None:
+            self._segmenter = _sam2(config) if self._kind == "sam2" else Prompted(config)
+
+    @property
+    def on_views(self) -> bool:
+        """Whether the label images on the views count even where there is depth."""
+        return self._segmenter is not None or self._kind == "labels"
+
+    def reset(self) -> None:
+        """Forgets the first view."""
+        self._first = None
+
+    def take(self, view: View) -> None:
+        """Looks at the next view of the scan, before anything is cut from it.
+
+        Args:
+            view: rectified.
+
+        Raises:
+            ViewError: it lacks what the segmenter works on: reasons `no_color`, `no_labels` or
+                `no_depth`; or `bad_prompts`, if it is the first and the prompts do not fit it.
+        """
+        if self._prompts is not None:
+            if view.color is None:
+                raise ViewError("no_color", "no colour image; expected one to label by prompts")
+            if self._first is None:
+                try:
+                    self._prompts.check(view.intrinsics.width, view.intrinsics.height)
+                except PromptError as error:
+                    raise ViewError("bad_prompts", str(error)) from error
+                self._first = view
+        elif self._kind == "labels" and view.labels is None:
+            raise ViewError("no_labels", "the view has no label image; expected one")
+        elif self._kind == "geometric" and view.depth is None:
+            raise ViewError("no_depth", "the view has no depth image; expected one")
+        elif view.depth is None and view.labels is None:
+            raise ViewError("no_depth", "neither depth nor label image; expected one of them")
+
+    def label(self, views: list[View]) -> list[View]:
+        """The views with label images from the prompts; unchanged if there are none.
+
+        Args:
+            views: those taken, in order; they may be cut to what matters.
+
+        Raises:
+            ScanError: no support plane in depth views; or no depth and one direction of sight.
+        """
+        if self._segmenter is None or self._prompts is None or self._first is None:
+            return views
+        # Prompts are pixels of the first view as it was taken: where it is cut now, that one goes
+        # ahead of all.
+        ahead = [] if views[0].color is self._first.color else [self._first]
+        labels = self._segmenter.segment_views([*ahead, *views], self._prompts)[len(ahead):]
+        return [replace(view, labels=image) for view, image in zip(views, labels)]
+
+
+def _sam2(config: ReconstructorConfig) -> PromptSegmenter:
+    if not config.sam2_weights:
+        raise ConfigError("segmenter is 'sam2' and sam2_weights is empty; expected a folder with "
+                          "a SAM 2 video model")
+    from stack_counter.segmentation.sam2 import Sam2  # torch takes seconds
+
+    return Sam2(Path(config.sam2_weights))
