@@ -12,7 +12,7 @@ from stack_counter.errors import ScanError
 from stack_counter.region import Region
 from stack_counter.rim import Rim, find_rim
 from stack_counter.tsdf import TopView
-from stack_counter.types import Container, HeightMap, View
+from stack_counter.types import CONTAINER, Container, HeightMap, View
 from stack_counter.wall_forms import BoxWall, RoundWall, WallForm
 from stack_counter.walls import Wall, face_points, fit_wall
 
@@ -53,7 +53,8 @@ def find_container(view: TopView, views: list[View], region: Region, voxel_size:
         return _configured(config, region)
     rim = find_rim(rim_map(view, region, voxel_size), region.lowest, config.container_kind)
     wall = None if rim is None else _wall(rim, views, region, config)
-    if rim is not None and wall is not None and _is_container(rim, wall, region):
+    named = any(np.any(v.labels == CONTAINER) for v in views if v.labels is not None)
+    if rim is not None and wall is not None and _is_container(rim, wall, region, named):
         return _container(wall.form, wall.thickness, rim.height, region, config)
     if config.container_kind != "auto":
         seen = 0.0 if rim is None else rim.share
@@ -93,13 +94,13 @@ def _wall(rim: Rim, views: list[View], region: Region, config: ReconstructorConf
     return fit_wall(rim.form, points, rim.height, *known, noise=region.noise)
 
 
-def _is_container(rim: Rim, wall: Wall, region: Region) -> bool:
-    """A heap has no level rim, and nothing smooth and steep all around below it; a block has
-    nothing inside."""
+def _is_container(rim: Rim, wall: Wall, region: Region, named: bool) -> bool:
+    """A heap has no level rim, and nothing smooth and steep all around below it, unless labels
+    name a container; a block has nothing inside."""
     smooth = wall.spread < _MAX_SPREAD + _NOISE_SPREAD * region.noise
-    return (rim.share >= MIN_RIM and max(wall.outer_share, wall.inner_share) >= _MIN_FACE
-            # A free-form outline bends to many a heap; a rectangle or a circle fits to none.
-            and (smooth or rim.form.kind != "free")
+    steep = max(wall.outer_share, wall.inner_share) >= _MIN_FACE
+    # A free-form outline bends to many a heap; a rectangle or a circle fits to none.
+    return (rim.share >= MIN_RIM and (named or steep and (smooth or rim.form.kind != "free"))
             and (rim.drop_share >= _MIN_DROP or wall.inner_share >= _MIN_FACE))
 
 
