@@ -60,7 +60,9 @@ def _decomposed(vertices: bytes, faces: bytes, volume: float) -> list[np.ndarray
 
 def _isolated(vertices: bytes, faces: bytes, threshold: float) -> list[trimesh.Trimesh]:
     """Hulls of the pieces, from a process of its own that may be lost; none if it is."""
-    context = multiprocessing.get_context("fork")
+    # From a server without threads: a fork of this process would inherit those of its libraries.
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_decompose, args=(vertices, faces, threshold, theirs))
     process.start()
