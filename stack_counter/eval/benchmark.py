@@ -29,6 +29,7 @@ from stack_counter.eval.published_rule import (
     against_by_loop,
     volume,
 )
+from stack_counter.eval.sets import folder_of
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, read_scenes, record
 from stack_counter.types import View
@@ -64,10 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Prints and writes the figures."""
-    folder = next((p for p in (Path(args.set), Path("data") / args.set) if p.is_dir()), None)
-    if folder is None:
-        raise ConfigError(f"no set '{args.set}'; expected unseen, unseen-mixed or a folder of "
-                          "scenes")
+    folder = folder_of(args.set)
     if args.views < 4 or args.scenes < 1:
         raise ConfigError(f"{args.scenes} scenes of {args.views} views; expected 1 or more of 4 "
                           "or more")

@@ -19,6 +19,7 @@ from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
+from stack_counter.eval.sets import folder_of
 from stack_counter.pictures import depth_scan
 from stack_counter.pipeline import StackCounter, volume_of
 from stack_counter.sim import DepthCamera, Scene, read_scenes, record
@@ -55,8 +56,8 @@ class Row:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `stack-counter evaluate images`."""
-    parser.add_argument("--set", type=Path, required=True, metavar="DIR", dest="folder",
-                        help="scenes made by `stack-counter simulate`")
+    parser.add_argument("--set", required=True, metavar="SET",
+                        help="unseen, unseen-mixed or a folder of simulated scenes")
     parser.add_argument("--scenes", type=int, default=15, metavar="N", help="the first N")
     parser.add_argument("--views", type=int, default=24, help="pictures of a recording")
     parser.add_argument("--seed", type=int, default=0, help="of the recordings")
@@ -66,9 +67,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Records, measures and prints; a scene takes about a minute."""
     rows = []
-    scenes = itertools.islice(read_scenes(args.folder), args.scenes)
+    scenes = itertools.islice(read_scenes(folder_of(args.set)), args.scenes)
     for scene in tqdm(scenes, total=args.scenes, unit=" scenes"):
-        rows.append(evaluate(scene, record(scene, args.views, args.seed, True, IDEAL, True)))
+        rows.append(evaluate(scene, record(scene, args.views, args.seed, camera=IDEAL,
+                                           labels=True)))
         tqdm.write(as_text(rows[-1]))
     summary = summarise(rows)
     for name, figures in summary.items():

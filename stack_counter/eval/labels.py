@@ -22,6 +22,7 @@ from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
+from stack_counter.eval.sets import folder_of
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, read_shard, record
 from stack_counter.types import CONTAINER, PARTS, View
@@ -32,7 +33,8 @@ _POINTS = 3  # that a user clicks on parts
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments that `run` reads."""
-    parser.add_argument("--set", type=Path, required=True, metavar="DIR", help="simulated scenes")
+    parser.add_argument("--set", required=True, metavar="SET",
+                        help="unseen, unseen-mixed or a folder of simulated scenes")
     parser.add_argument("--scenes", type=int, default=30, metavar="N", help="how many of them")
     parser.add_argument("--seed", type=int, default=0, metavar="S",
                         help="of the choice of scenes, the recordings and the prompts")
@@ -45,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Prints mean, 10th percentile and worst IoU of every segmenter; returns the exit code."""
-    scenes = choose(args.set, args.scenes, args.seed)
+    scenes = choose(folder_of(args.set), args.scenes, args.seed)
     score = partial(score_scene, views=args.views, seed=args.seed, depth=args.depth)
     with ProcessPoolExecutor(args.workers) as pool:
         rows = list(tqdm(pool.map(score, scenes), total=len(scenes), desc="labels"))

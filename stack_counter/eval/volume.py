@@ -15,7 +15,8 @@ import numpy as np
 from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
-from stack_counter.errors import ConfigError, ScanError
+from stack_counter.errors import ScanError
+from stack_counter.eval.sets import folder_of
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, read_scenes, record
 from stack_counter.types import View
@@ -60,10 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Prints and writes the figures."""
-    folder = next((p for p in (Path(options.set), Path("data") / options.set) if p.is_dir()), None)
-    if folder is None:
-        raise ConfigError(f"no set '{options.set}'; expected unseen, unseen-mixed or a folder of "
-                          "scenes")
+    folder = folder_of(options.set)
     scenes = [s for s in read_scenes(folder, options.scenes) if s.truth.count]
     jobs = [(scene, options) for scene in scenes]
     if options.workers > 1:

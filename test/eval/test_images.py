@@ -60,12 +60,12 @@ def test_errors_are_summed_up_by_source_and_kind():
 
 def test_the_command_writes_what_it_found(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(images, "read_scenes", lambda folder: iter("abc"))
-    monkeypatch.setattr(images, "record", lambda scene, *how: [])
+    monkeypatch.setattr(images, "record", lambda scene, *how, **more: [])
     monkeypatch.setattr(images, "evaluate", lambda scene, views: row(scene, 0.1, 1.0))
     parser = argparse.ArgumentParser()
     images.add_arguments(parser)
     out = tmp_path / "out.json"
-    assert images.run(parser.parse_args(["--set", "x", "--scenes", "2", "--json", str(out)])) == 0
+    assert images.run(parser.parse_args(["--set", str(tmp_path), "--scenes", "2", "--json", str(out)])) == 0
     result = json.loads(out.read_text())
     assert [scene["kind"] for scene in result["scenes"]] == ["a", "b"]
     assert result["summary"]["pictures, all"]["mean_abs"] == pytest.approx(0.1)

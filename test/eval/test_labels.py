@@ -65,4 +65,4 @@ def test_summary_and_arguments(tmp_path):
     args = parser.parse_args(["--set", str(tmp_path), "--no-depth"])
     assert args.depth is False and args.json is None
     with pytest.raises(FileNotFoundError, match="no shard_"):
-        choose(args.set, 3, 0)
+        choose(tmp_path, 3, 0)
