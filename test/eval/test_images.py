@@ -65,7 +65,8 @@ def test_the_command_writes_what_it_found(tmp_path, monkeypatch, capsys):
     parser = argparse.ArgumentParser()
     images.add_arguments(parser)
     out = tmp_path / "out.json"
-    assert images.run(parser.parse_args(["--set", str(tmp_path), "--scenes", "2", "--json", str(out)])) == 0
+    options = ["--set", str(tmp_path), "--scenes", "2", "--json", str(out)]
+    assert images.run(parser.parse_args(options)) == 0
     result = json.loads(out.read_text())
     assert [scene["kind"] for scene in result["scenes"]] == ["a", "b"]
     assert result["summary"]["pictures, all"]["mean_abs"] == pytest.approx(0.1)
