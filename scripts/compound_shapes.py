@@ -30,9 +30,9 @@ def checked(family: str, variant: int) -> Shape:
     """
     raw = solid(family, variant).simplify(0.004).to_mesh64()
     size = float(np.random.default_rng(variant).uniform(*SIZES_M))
+    shape = shape_from_mesh(raw.vert_properties[:, :3], raw.tri_verts, family, part_size=size)
     # As the file will hold it: corners that are one in float32 are merged when it is read.
-    vertices = raw.vert_properties[:, :3].astype(np.float32)
-    shape = shape_from_mesh(vertices, raw.tri_verts, family, part_size=size)
+    shape = shape_from_mesh(shape.vertices.astype(np.float32), shape.faces, family)
     fill = shape.unit_volume / size**3
     if fill < _LEAST_FILL or len(shape.faces) > _MOST_FACES:
         raise ShapeError(f"fill {fill:.3f}, {len(shape.faces)} faces; expected at least "
