@@ -89,9 +89,13 @@ def _parser() -> argparse.ArgumentParser:
     info.set_defaults(run=_info)
     add_container(commands)
     _add_simulate(commands)
+    commands.add_parser("train", help="train the gamma-network on simulated scenes"
+                        ).module = "stack_counter.train.gamma"  # type: ignore[attr-defined]
     measures = commands.add_parser("evaluate", help="measure errors on simulated scenes")
     kinds = measures.add_subparsers(required=True, metavar="KIND")
-    for kind, what in (("volume", "of V and the container"),
+    for kind, what in (("gamma", "of gamma, beside the baselines"),
+                       ("count", "of the whole count and its interval"),
+                       ("volume", "of V and the container"),
                        ("labels", "of the labels that segmenters give"),
                        ("images", "of V from pictures and labels, without depth"),
                        ("benchmark", "of V beside the published rule, and cost")):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from statistics import NormalDist
 
 import numpy as np
 
@@ -31,8 +30,8 @@ def make_count(volume: StackVolume, unit_volume: float, estimate: OccupancyEstim
                confidence: float) -> StackCount:
     """The count with its interval.
 
-    The interval takes the estimator's own residuals on shapes left out (quantiles of true over
-    estimated gamma) and widens them by the error of V, both as logarithms, in quadrature.
+    The interval is conformal: quantiles of the estimator's scores on families of parts it had not
+    seen, times the relative standard deviation of this count, gamma and V together.
 
     Raises:
         PartError: unit volume not a positive number.
@@ -41,8 +40,9 @@ def make_count(volume: StackVolume, unit_volume: float, estimate: OccupancyEstim
     count = round(expected)
     low = high = float(count)
     if volume.stack_volume > 0:
-        spread = volume.stack_volume_std / volume.stack_volume
-        low, high = (_bound(expected, estimate.ratio_quantiles, spread, share)
+        spread = math.hypot(estimate.gamma_std / estimate.gamma,
+                            volume.stack_volume_std / volume.stack_volume)
+        low, high = (expected * math.exp(conformal_quantile(estimate.scores, share) * spread)
                      for share in ((1 - confidence) / 2, (1 + confidence) / 2))
     result = StackCount(
         count=count, count_interval=(min(math.floor(low + _ROUNDING), count),
@@ -58,14 +58,16 @@ def flagged(count: StackCount, *reasons: str) -> StackCount:
     return replace(count, reasons=every, status="degraded" if _DEGRADING & set(every) else "ok")
 
 
-def _bound(expected: float, ratios: np.ndarray, volume_spread: float, share: float) -> float:
-    """The `share` quantile of the true count, given its estimate."""
-    of_gamma = math.log(max(float(np.quantile(ratios, share)), 1e-6))
-    of_volume = NormalDist().inv_cdf(share) * volume_spread
-    # Measured from the median of the residuals, so that both parts widen the same interval.
-    middle = math.log(float(np.median(ratios)))
-    side = math.copysign(math.hypot(of_gamma - middle, of_volume), of_volume)
-    return expected * math.exp(middle + side)
+def conformal_quantile(scores: np.ndarray, share: float) -> float:
+    """The `share` quantile of a next score, of n that were seen: the k-th smallest with k of
+    share * (n + 1), rounded away from the middle.
+
+    Source: Vovk, Gammerman and Shafer, "Algorithmic Learning in a Random World" (2005).
+    """
+    n = len(scores)
+    rank = share * (n + 1)
+    k = math.floor(rank + _ROUNDING) if share < 0.5 else math.ceil(rank - _ROUNDING)
+    return float(np.sort(scores)[min(max(k, 1), n) - 1])
 
 
 def verdict(interval: tuple[int, int], expected: int, tolerance: int) -> str:

@@ -88,8 +88,8 @@ class Prior:
     def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
         """The training mean and spread; reason `no_depth` if there was no depth to read."""
         reasons = ("no_depth",) if volume.top is None else ()
-        return OccupancyEstimate(float(self._fit.prior[0]), float(self._fit.prior[1]),
-                                 self._fit.ratios["prior"], self.name, reasons)
+        return _with_spread(float(self._fit.prior[0]), self._fit.ratios["prior"], self.name,
+                            reasons)
 
 
 class DepthExtrapolated:
@@ -125,8 +125,12 @@ class DepthCorrected:
         return _with_spread(gamma, self._fit.ratios["corrected"], self.name)
 
 
-def _with_spread(gamma: float, ratios: np.ndarray, name: str) -> OccupancyEstimate:
-    return OccupancyEstimate(gamma, gamma * float(np.std(ratios)), ratios, name)
+def _with_spread(gamma: float, ratios: np.ndarray, name: str, reasons: tuple[str, ...] = ()
+                 ) -> OccupancyEstimate:
+    """An estimate whose errors are all alike: `ratios` of true over estimated gamma."""
+    logs = np.log(np.maximum(ratios, 1e-6))
+    std = max(float(np.std(logs)), 1e-6)
+    return OccupancyEstimate(gamma, gamma * std, logs / std, name, reasons)
 
 
 def make_estimator(name: str, weights: Path | None = None) -> OccupancyEstimator:
@@ -139,6 +143,11 @@ def make_estimator(name: str, weights: Path | None = None) -> OccupancyEstimator
     kinds: dict[str, Callable[[Baselines], OccupancyEstimator]] = {
         "depth_corrected": DepthCorrected, "depth_extrapolated": DepthExtrapolated,
         "prior": Prior}
+    if name == "network":
+        from stack_counter.network import Network  # brings in torch, which takes seconds
+
+        return Network(weights, Prior(Baselines()))
     if name not in kinds:
-        raise ConfigError(f"unknown estimator '{name}'; expected one of {sorted(kinds)}")
+        raise ConfigError(f"unknown estimator '{name}'; expected one of "
+                          f"{sorted([*kinds, 'network'])}")
     return kinds[name](Baselines(weights))

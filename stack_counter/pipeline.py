@@ -293,7 +293,12 @@ def automatic_voxel_size(region: Region, unit_volume: float) -> float:
     """Side of a voxel, m: of a size that all calibrations were made for, larger in a large region,
     smaller for parts (m3; 0: not known) that are only a few of them wide."""
     size = max(_COARSEST, float((region.high - region.low)[:2].max()) / _MOST_VOXELS)
-    return min(size, max(unit_volume ** (1 / 3) / _PER_PART, _FINEST)) if unit_volume else size
+    return min(size, voxel_size_for(unit_volume)) if unit_volume else size
+
+
+def voxel_size_for(unit_volume: float) -> float:
+    """Side of a voxel, m, for parts of `unit_volume` (m3) in a region of usual size."""
+    return min(_COARSEST, max(unit_volume ** (1 / 3) / _PER_PART, _FINEST))
 
 
 def smoothed(depth: np.ndarray, noise: float) -> np.ndarray:

@@ -190,15 +190,16 @@ class OccupancyEstimate:
     Attributes:
         gamma: estimated occupancy ratio, 0 to 1.
         gamma_std: its standard deviation.
-        ratio_quantiles: (q,) float64, evenly spaced quantiles of true gamma / estimated gamma on
-            the data the estimator was fitted on, shapes left out; the interval comes from these.
+        scores: (n,) float64: on data whose families of parts the estimator had not seen, the log
+            of true over estimated, in its relative standard deviations; the interval comes from
+            their quantiles.
         estimator: name, e.g. `depth_corrected (baseline)`.
         reasons: slugs that qualify the estimate.
     """
 
     gamma: float
     gamma_std: float
-    ratio_quantiles: np.ndarray
+    scores: np.ndarray
     estimator: str
     reasons: tuple[str, ...] = ()
 

@@ -102,7 +102,7 @@ def _measure_inside(view: TopView, container: Container, region: Region, pitch: 
     opening = np.isfinite(inner.heights)
     top = view.heights(inner.T_world_map, pitch, inner.heights.shape)
     seen = np.isfinite(top.heights)
-    heights = _filled(top.heights, _away_from_walls(opening))
+    heights = filled(top.heights, _away_from_walls(opening))
     rim = container.floor_thickness_m + container.inner_size_m[2]
     if not floor_known:
         on_floor = opening & (inner.heights <= np.float32(container.floor_thickness_m))
@@ -131,7 +131,7 @@ def _away_from_walls(opening: np.ndarray) -> np.ndarray:
     return inside if inside.any() else opening
 
 
-def _filled(heights: np.ndarray, trusted: np.ndarray) -> np.ndarray:
+def filled(heights: np.ndarray, trusted: np.ndarray) -> np.ndarray:
     """Heights with every cell that is not seen and trusted taken from its neighbours.
 
     What no view saw lies hidden below what hides it: such a cell takes the lowest of the known
@@ -187,7 +187,7 @@ def _measure_heap(view: TopView, container: Container, region: Region, pitch: fl
     top = view.heights(T_world_map, pitch, (shape[0], shape[1]))
     stack, seen = _standing(top.heights), np.isfinite(top.heights)
     coverage = float(seen[stack].mean()) if stack.any() else 1.0
-    heights = _filled(top.heights, np.ones(shape, bool))
+    heights = filled(top.heights, np.ones(shape, bool))
     heights = np.where(stack, np.maximum(heights, 0.0), np.nan).astype(np.float32)
     of = _integral(heights[stack], seen[stack], pitch**2)
     inner = HeightMap(T_world_map, pitch, np.where(stack, np.float32(0), np.float32(np.nan)))

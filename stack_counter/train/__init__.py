@@ -1,1 +1,9 @@
-"""Fits what says gamma on simulated piles."""
+"""Fits what says gamma on simulated piles.
+
+What is named here is for `eval`; the rest is training's own.
+"""
+
+from stack_counter.train.heights import cast
+from stack_counter.train.scans import reconstruct
+
+__all__ = ["cast", "reconstruct"]

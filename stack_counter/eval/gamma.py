@@ -1,0 +1,45 @@
+"""How well gamma is said, beside the paper's baselines.
+
+    stack-counter evaluate gamma --set unseen --depth noisy
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict
+
+import numpy as np
+
+from stack_counter.eval import metrics
+from stack_counter.eval.cases import ROWS, Case, add_arguments, groups, measure
+
+__all__ = ["add_arguments", "run", "table"]
+
+
+def run(options: argparse.Namespace) -> int:
+    """Prints and writes the figures."""
+    cases = measure(options)
+    print(f"{options.set}: gamma of {len(cases)} scenes, {options.depth} depth")
+    print(table(cases))
+    if options.json:
+        options.json.write_text(json.dumps([asdict(c) for c in cases], indent=1) + "\n")
+    return 0
+
+
+def table(cases: list[Case]) -> str:
+    """Errors of each row, and ours by group."""
+    done = [c for c in cases if c.guesses]
+    lines = [f"{len(cases) - len(done)} refused",
+             f"{'':20}{'n':>5}{'MAE':>8}{'RMSE':>8}{'sMAPE':>8}{'R2':>8}{'bias':>8}"]
+    lines += [_line(row, done, row) for row in ROWS]
+    lines += [_line(f"ours, {name}", group, "ours") for name, group in groups(done).items()]
+    return "\n".join(lines)
+
+
+def _line(title: str, cases: list[Case], row: str) -> str:
+    true = np.array([c.gamma for c in cases])
+    guess = np.array([c.guesses[row].gamma for c in cases])
+    return (f"{title:20}{len(cases):5}{metrics.mae(true, guess):8.3f}"
+            f"{metrics.rmse(true, guess):8.3f}{metrics.smape(true, guess):8.2f}"
+            f"{metrics.r2(true, guess):8.2f}{(guess - true).mean():+8.3f}")

@@ -1,0 +1,48 @@
+"""The paper's metrics, exactly (supplement, "Metrics")."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+
+def nae(true: np.ndarray, guess: np.ndarray) -> float:
+    """Normalised absolute error: sum |y - y'| / sum y."""
+    return float(np.abs(true - guess).sum() / true.sum())
+
+
+def sre(true: np.ndarray, guess: np.ndarray) -> float:
+    """Squared relative error: sum (y - y')^2 / sum y^2."""
+    return float(((true - guess) ** 2).sum() / (true**2).sum())
+
+
+def mae(true: np.ndarray, guess: np.ndarray) -> float:
+    """Mean absolute error."""
+    return float(np.abs(true - guess).mean())
+
+
+def rmse(true: np.ndarray, guess: np.ndarray) -> float:
+    """Root mean squared error."""
+    return float(np.sqrt(((true - guess) ** 2).mean()))
+
+
+def smape(true: np.ndarray, guess: np.ndarray) -> float:
+    """Symmetric mean absolute percentage error, percent: mean |y - y'| / ((y + y') / 2)."""
+    return float(100 * np.mean(np.abs(true - guess) / ((true + guess) / 2)))
+
+
+def r2(true: np.ndarray, guess: np.ndarray) -> float:
+    """Coefficient of determination: 1 - sum (y - y')^2 / sum (y - mean y)^2."""
+    return float(1 - ((true - guess) ** 2).sum() / ((true - true.mean()) ** 2).sum())
+
+
+def wilson(hits: int, of: int, z: float = 1.96) -> tuple[float, float]:
+    """95% confidence interval of a share.
+
+    Source: Wilson, "Probable Inference, the Law of Succession, and Statistical Inference" (1927).
+    """
+    share, extra = hits / of, z**2 / of
+    middle = (share + extra / 2) / (1 + extra)
+    half = z / (1 + extra) * math.sqrt(share * (1 - share) / of + extra / (4 * of))
+    return middle - half, middle + half

@@ -1,0 +1,136 @@
+"""The gamma-network: a small residual encoder that pools by what stands in each place.
+
+gamma is parts' volume over V, and both are integrals over the footprint: features are averaged
+with the height of the stack as weight. The network gives log gamma and the scale of its error
+(Laplace); while it learns it also gives the part's size, convexity and surface, in l, which are
+what gamma depends on.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import nn
+from torch.nn import functional
+
+from stack_counter.errors import WeightsError
+from stack_counter.gamma_input import CHANNELS
+
+FORMAT = "stack_counter gamma 1"
+FORM = 3  # log part size, convexity and surface: learnt beside gamma
+_SCALARS = 3
+_DOWN = 16  # of the feature map
+
+
+@dataclass(frozen=True)
+class NetConfig:
+    """Widths of the stages, at strides 2, 4, 8 and 16, and residual blocks of each."""
+
+    widths: tuple[int, ...] = (32, 64, 96, 128)
+    blocks: tuple[int, ...] = (1, 2, 2, 2)
+    hidden: int = 128
+
+
+class Block(nn.Module):
+    """Two 3x3 convolutions beside a shortcut."""
+
+    def __init__(self, width: int):
+        super().__init__()
+        self.body = nn.Sequential(
+            nn.Conv2d(width, width, 3, padding=1, bias=False), nn.BatchNorm2d(width), nn.ReLU(),
+            nn.Conv2d(width, width, 3, padding=1, bias=False), nn.BatchNorm2d(width))
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """(b, width, h, w) -> the same."""
+        return functional.relu(x + self.body(x))
+
+
+class GammaNet(nn.Module):
+    """(b, CHANNELS, TILE, TILE) -> log gamma, log scale, form."""
+
+    def __init__(self, config: NetConfig):
+        super().__init__()
+        self.config = config
+        layers: list[nn.Module] = []
+        width_in = CHANNELS
+        for width, blocks in zip(config.widths, config.blocks):
+            layers += [nn.Conv2d(width_in, width, 4, 2, 1, bias=False), nn.BatchNorm2d(width),
+                       nn.ReLU(), *(Block(width) for _ in range(blocks))]
+            width_in = width
+        self.encoder = nn.Sequential(*layers)
+        self.head = nn.Sequential(
+            nn.Linear(2 * width_in + _SCALARS, config.hidden), nn.ReLU(), nn.Dropout(0.2),
+            nn.Linear(config.hidden, 2 + FORM))
+
+    def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """(b, CHANNELS, h, w) float32 of `channels` -> log gamma (b,), log of the scale of its
+        error (b,), form (b, FORM)."""
+        height = torch.expm1(2 * x[:, 3:4])  # (b, 1, h, w), l
+        features = self.encoder(x).float()  # (b, c, h / 16, w / 16)
+        weight = functional.avg_pool2d(height + 0.02 * x[:, 1:2], _DOWN)
+        weight = weight / weight.sum((2, 3), keepdim=True).clamp_min(1e-6)
+        mean = (features * weight).sum((2, 3))  # (b, c)
+        spread = ((features - mean[:, :, None, None]) ** 2 * weight).sum((2, 3))
+        valid = x[:, 1].mean((1, 2)).clamp_min(1e-4)
+        scalars = torch.stack([torch.log(height.mean((1, 2, 3)) / valid + 0.05),
+                               torch.log(valid), x[:, 2].mean((1, 2)) / valid], 1)
+        out = self.head(torch.cat([mean, torch.sqrt(spread + 1e-4), scalars], 1)).float()
+        return out[:, 0] - 0.7, out[:, 1].clamp(-2, 2) - 2, out[:, 2:]
+
+
+def save_members(path: Path, members: list[GammaNet], facts: dict[str, str],
+                 more: dict[str, torch.Tensor]) -> None:
+    """Writes an ensemble of equal networks; `facts` and tensors `more` travel with it."""
+    tensors = {f"{i}.{name}": value.half() if value.is_floating_point() else value
+               for i, net in enumerate(members) for name, value in net.state_dict().items()
+               if not name.endswith("num_batches_tracked")}
+    tensors |= {f"calibration.{name}": value for name, value in more.items()}
+    save_file({name: value.contiguous() for name, value in tensors.items()}, path, metadata={
+        "format": FORMAT, "config": json.dumps(asdict(members[0].config)),
+        "members": str(len(members)), **facts})
+
+
+def load_members(path: Path) -> tuple[list[GammaNet], dict[str, str], dict[str, torch.Tensor]]:
+    """Networks in evaluation mode, facts and further tensors of a file of `save_members`.
+
+    Raises:
+        WeightsError: missing, not safetensors, of another format, or not whole.
+    """
+    if not path.is_file():
+        raise WeightsError(f"no weights file {path}; expected a safetensors file")
+    try:
+        with safe_open(path, framework="pt") as file:
+            facts = dict(file.metadata() or {})
+            tensors = {name: file.get_tensor(name) for name in file.keys()}
+    except (SafetensorError, OSError) as error:
+        raise WeightsError(f"{path} is not a whole safetensors file: {error}") from error
+    if facts.get("format") != FORMAT:
+        raise WeightsError(f"{path} is '{facts.get('format')}'; expected '{FORMAT}'")
+    try:
+        sizes = json.loads(facts["config"])
+        config = NetConfig(tuple(sizes["widths"]), tuple(sizes["blocks"]), sizes["hidden"])
+        members = [_member(config, tensors, i) for i in range(int(facts["members"]))]
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise WeightsError(f"{path} does not hold the networks it names: "
+                           f"{' '.join(str(error).split())[:200]}") from error
+    more = {name.removeprefix("calibration."): value for name, value in tensors.items()
+            if name.startswith("calibration.")}
+    return members, facts, more
+
+
+def _member(config: NetConfig, tensors: dict[str, torch.Tensor], number: int) -> GammaNet:
+    net, prefix = GammaNet(config), f"{number}."
+    own = {name.removeprefix(prefix): value.float() for name, value in tensors.items()
+           if name.startswith(prefix)}
+    if not all(bool(torch.isfinite(value).all()) for value in own.values()):
+        raise ValueError(f"member {number} holds NaN; expected finite numbers")
+    missing = net.load_state_dict(own, strict=False)
+    lacking = [n for n in missing.missing_keys if not n.endswith("num_batches_tracked")]
+    if lacking or missing.unexpected_keys:
+        raise ValueError(f"member {number} lacks {lacking[:3]}, has {missing.unexpected_keys[:3]}")
+    return net.eval()

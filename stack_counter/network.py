@@ -1,0 +1,116 @@
+"""gamma by the network: an ensemble over tiles, its spread, and whether it knows such stacks."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from stack_counter.errors import WeightsError
+from stack_counter.gamma_input import (
+    PIXELS_PER_LENGTH,
+    StackMaps,
+    channels,
+    describe,
+    key_view_maps,
+    stack_maps,
+    tiles,
+)
+from stack_counter.gamma_net import GammaNet, load_members
+from stack_counter.occupancy import OccupancyEstimator
+from stack_counter.types import OccupancyEstimate, StackVolume
+
+SHIPPED = "gamma.safetensors"
+_LEAST_PARTS = 12  # of the training piles
+_SHALLOW = 0.35  # mean height in l below which a stack is a scattering of parts
+_QUARTER = 4  # part sizes that the container should be wide
+_LARGEST_GAMMA = 0.98
+_TENSORS = ("scores", "middle", "whiten", "reach")
+
+
+class Network:
+    """The gamma-network with its calibration."""
+
+    def __init__(self, path: Path | None, without_depth: OccupancyEstimator):
+        """Loads it.
+
+        Args:
+            path: weights; None is the file shipped with the package.
+            without_depth: answers where there is nothing to read.
+
+        Raises:
+            WeightsError: missing, not safetensors, of another format or not whole.
+        """
+        shipped = Path(str(resources.files("stack_counter") / "weights" / SHIPPED))
+        self._members, facts, more = load_members(path or shipped)
+        if set(more) != set(_TENSORS):
+            raise WeightsError(f"{path or shipped} has calibration {sorted(more)}; expected "
+                               f"{sorted(_TENSORS)}")
+        self._scores, self._middle, self._whiten, self._reach = (
+            more[name].double().numpy() for name in _TENSORS)
+        self.name = f"network {facts.get('version', 'unnamed')}"
+        self._without_depth = without_depth
+
+    def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
+        """gamma of a stack whose parts have `unit_volume` (m3) each.
+
+        Raises:
+            ScanError: the surface cannot be read at that size of parts.
+        """
+        from_key_view = volume.top is None
+        if from_key_view and (volume.key_view is None or volume.key_view.depth is None):
+            return self._without_depth.estimate(volume, unit_volume)
+        maps = key_view_maps(volume, unit_volume) if from_key_view \
+            else stack_maps(volume, unit_volume)
+        if not maps.height.any():
+            return OccupancyEstimate(0.5, 0.25, self._scores, self.name)
+        log_gamma, spread, form = predict(self._members, maps)
+        gamma = min(float(np.exp(log_gamma)), _LARGEST_GAMMA)
+        far = self.strangeness(maps)
+        reasons = list(odd_about(maps, gamma, volume, unit_volume, float(np.exp(form[0]))))
+        if from_key_view:
+            reasons.append("single_view")
+        if far > 1:
+            reasons.append("unlike_training")
+        wider = max(far, 2.0 if from_key_view else 1.5 if reasons else 1.0)
+        return OccupancyEstimate(gamma, gamma * spread * wider, self._scores, self.name,
+                                 tuple(reasons))
+
+    def strangeness(self, maps: StackMaps) -> float:
+        """Mahalanobis distance of the surface's features from the training's, over that which
+        99 of 100 training stacks keep."""
+        away = (describe(maps) - self._middle) @ self._whiten
+        return float(np.linalg.norm(away) / self._reach[0])
+
+
+def predict(members: list[GammaNet], maps: StackMaps) -> tuple[float, float, np.ndarray]:
+    """Log gamma, the relative standard deviation of gamma, and the part's form (see
+    `GammaNet.forward`): tiles weighted by what stands in them, members alike."""
+    pieces = [piece for piece in tiles(maps) if piece.height.any()]
+    x = torch.from_numpy(np.stack([channels(piece) for piece in pieces]))
+    weights = np.array([piece.height.sum() for piece in pieces], float)
+    weights /= weights.sum()
+    with torch.inference_mode():
+        out = [net(x) for net in members]
+    mean = np.mean([o[0].numpy() for o in out], axis=0)  # (tiles,)
+    scale = np.mean([np.exp(o[1].numpy()) for o in out], axis=0)
+    form = np.mean([o[2].numpy() for o in out], axis=0)
+    return (float(np.log(weights @ np.exp(mean))), float(np.sqrt(2) * weights @ scale),
+            weights @ form)
+
+
+def odd_about(maps: StackMaps, gamma: float, volume: StackVolume, unit_volume: float,
+              size: float) -> list[str]:
+    """Reasons to doubt an estimate; `size`: of a part, as the network sees it, in l."""
+    heights = maps.height[maps.valid]
+    reasons = []
+    if heights.mean() < _SHALLOW:
+        reasons.append("shallow_stack")
+    if gamma * volume.stack_volume / unit_volume < _LEAST_PARTS:
+        reasons.append("few_parts")
+    if min(maps.valid.shape) / PIXELS_PER_LENGTH < _QUARTER * size and \
+            volume.container.kind not in ("none", "hull"):
+        reasons.append("large_part")
+    return reasons

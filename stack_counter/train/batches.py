@@ -1,0 +1,102 @@
+"""From samples to batches: families in folds, degraded maps, turned and mirrored tiles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
+
+import cv2
+import numpy as np
+import torch
+
+from stack_counter.gamma_input import PIXELS_PER_LENGTH, TILE, StackMaps, channels
+from stack_counter.train.degrade import degraded
+from stack_counter.train.heights import Sample
+
+FOLDS = 5
+_AHEAD = 6  # batches prepared while the network learns
+_BLIND = 0.08  # share of tiles without walls and floor, as a single view gives them
+
+
+def group_of(family: str) -> str:
+    """Families made alike: a compound part's is how it was begun."""
+    return family.split("_")[0]
+
+
+def fold_of(families: list[str]) -> dict[str, int]:
+    """Which fold each family is in: groups of families, never split, dealt at random."""
+    groups = sorted({group_of(family) for family in families})
+    dealt = np.random.default_rng(5).permutation(len(groups)) % FOLDS
+    by_group = dict(zip(groups, dealt.tolist()))
+    return {family: by_group[group_of(family)] for family in families}
+
+
+def tile_of(maps: StackMaps, random: np.random.Generator) -> StackMaps:
+    """A tile at a random place, turn and mirroring."""
+    rows, cols = maps.valid.shape
+    angle, mirror = random.uniform(0, 2 * np.pi), random.choice([-1.0, 1.0])
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, -s], [s, c]]) @ np.diag([mirror, 1.0])
+    # A stack larger than the tile is cut at random, a smaller one lies in it with some play.
+    size = np.array([cols, rows], float)
+    play = np.maximum(np.abs(size - TILE) / 2, 4) * np.where(size > TILE, 0.9, 0.3)
+    middle = size / 2 + random.uniform(-1, 1, 2) * play
+    matrix = np.column_stack([turn, TILE / 2 - turn @ middle])
+    valid = maps.valid.astype(np.float32)
+    stacked = np.stack([maps.top * valid, maps.height * valid, maps.wall * valid, valid], axis=-1)
+    out = cv2.warpAffine(stacked, matrix, (TILE, TILE), flags=cv2.INTER_LINEAR)
+    inside = out[..., 3] > 0.5
+    top, height, wall = np.where(inside[..., None], out[..., :3] / np.maximum(
+        out[..., 3:], 0.5), 0).astype(np.float32).transpose(2, 0, 1)
+    return StackMaps(top, height, inside, wall)
+
+
+def blinded(x: np.ndarray) -> np.ndarray:
+    """Channels as a single view without a known container gives them: no wall and no floor, the
+    height being that over the lowest part of the surface."""
+    valid = x[1] > 0
+    if not valid.any():
+        return x
+    local = x[0] - np.percentile(x[0][valid], 2)
+    return np.stack([x[0], x[1], x[1], np.log1p(np.maximum(local, 0) * valid) / 2])
+
+
+def make_tile(of: Sample, fused: bool, seed: tuple[int, ...]) -> np.ndarray:
+    """(CHANNELS, TILE, TILE) float32 of a sample, degraded unless it was truly fused."""
+    random = np.random.default_rng(seed)
+    tile = tile_of(of.maps if fused else degraded(of, random), random)
+    x = channels(tile)
+    return blinded(x) if random.random() < _BLIND else x
+
+
+def targets(samples: list[Sample]) -> torch.Tensor:
+    """(n, 1 + FORM) float32: log gamma and form."""
+    return torch.tensor(np.array([[np.log(s.gamma), *s.form] for s in samples]), dtype=torch.float)
+
+
+def batches(samples: list[Sample], fused: list[bool], weights: np.ndarray, size: int, count: int,
+            seed: tuple[int, ...]) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+    """`count` batches of (size, CHANNELS, TILE, TILE) and targets, drawn by weight; prepared in
+    threads."""
+    random = np.random.default_rng(seed)
+    chosen = random.choice(len(samples), (count, size), p=weights / weights.sum())
+
+    def make(number: int) -> tuple[torch.Tensor, torch.Tensor]:
+        rows = chosen[number]
+        x = np.stack([make_tile(samples[i], fused[i], (*seed, number, k))
+                      for k, i in enumerate(rows)])
+        return torch.from_numpy(x), targets([samples[i] for i in rows])
+
+    with ThreadPoolExecutor(1) as pool:
+        numbers = iter(range(count))
+        waiting = [pool.submit(make, n) for n in islice(numbers, _AHEAD)]
+        while waiting:
+            ready = waiting.pop(0).result()
+            waiting += [pool.submit(make, n) for n in islice(numbers, 1)]
+            yield ready
+
+
+def lengths_wide(of: Sample) -> float:
+    """The stack's smaller side in l."""
+    return min(of.maps.valid.shape) / PIXELS_PER_LENGTH
