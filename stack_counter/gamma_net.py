@@ -25,6 +25,7 @@ FORMAT = "stack_counter gamma 1"
 FORM = 3  # log part size, convexity and surface: learnt beside gamma
 _SCALARS = 3
 _DOWN = 16  # of the feature map
+_FORM_WEIGHT = 0.1  # of the loss on the part's form
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,17 @@ class GammaNet(nn.Module):
                                torch.log(valid), x[:, 2].mean((1, 2)) / valid], 1)
         out = self.head(torch.cat([mean, torch.sqrt(spread + 1e-4), scalars], 1)).float()
         return out[:, 0] - 0.7, out[:, 1].clamp(-2, 2) - 2, out[:, 2:]
+
+    def loss(self, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+        """Laplace's negative log likelihood of log gamma, and the form's squared error.
+
+        Args:
+            x: as for `forward`.
+            y: (b, 1 + FORM) log gamma and form.
+        """
+        mean, scale, form = self(x)
+        likelihood = (torch.abs(y[:, 0] - mean) * torch.exp(-scale) + scale).mean()
+        return likelihood + _FORM_WEIGHT * ((form - y[:, 1:]) ** 2).mean()
 
 
 def save_members(path: Path, members: list[GammaNet], facts: dict[str, str],

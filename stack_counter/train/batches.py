@@ -10,12 +10,13 @@ import cv2
 import numpy as np
 import torch
 
-from stack_counter.gamma_input import PIXELS_PER_LENGTH, TILE, StackMaps, channels
+from stack_counter.gamma_input import TILE, StackMaps, channels
 from stack_counter.train.degrade import degraded
 from stack_counter.train.heights import Sample
 
 FOLDS = 5
 _AHEAD = 6  # batches prepared while the network learns
+_EXACT = 0.5  # share of quarter turns, which leave the pixels as they are
 _BLIND = 0.08  # share of tiles without walls and floor, as a single view gives them
 
 
@@ -35,14 +36,16 @@ def fold_of(families: list[str]) -> dict[str, int]:
 def tile_of(maps: StackMaps, random: np.random.Generator) -> StackMaps:
     """A tile at a random place, turn and mirroring."""
     rows, cols = maps.valid.shape
-    angle, mirror = random.uniform(0, 2 * np.pi), random.choice([-1.0, 1.0])
-    c, s = np.cos(angle), np.sin(angle)
+    exact = random.random() < _EXACT
+    angle = np.pi / 2 * random.integers(4) if exact else random.uniform(0, 2 * np.pi)
+    c, s, mirror = np.cos(angle), np.sin(angle), random.choice([-1.0, 1.0])
     turn = np.array([[c, -s], [s, c]]) @ np.diag([mirror, 1.0])
     # A stack larger than the tile is cut at random, a smaller one lies in it with some play.
     size = np.array([cols, rows], float)
     play = np.maximum(np.abs(size - TILE) / 2, 4) * np.where(size > TILE, 0.9, 0.3)
     middle = size / 2 + random.uniform(-1, 1, 2) * play
-    matrix = np.column_stack([turn, TILE / 2 - turn @ middle])
+    shift = TILE / 2 - turn @ middle
+    matrix = np.column_stack([turn, np.round(shift) if exact else shift])
     valid = maps.valid.astype(np.float32)
     stacked = np.stack([maps.top * valid, maps.height * valid, maps.wall * valid, valid], axis=-1)
     out = cv2.warpAffine(stacked, matrix, (TILE, TILE), flags=cv2.INTER_LINEAR)
@@ -95,8 +98,3 @@ def batches(samples: list[Sample], fused: list[bool], weights: np.ndarray, size:
             ready = waiting.pop(0).result()
             waiting += [pool.submit(make, n) for n in islice(numbers, 1)]
             yield ready
-
-
-def lengths_wide(of: Sample) -> float:
-    """The stack's smaller side in l."""
-    return min(of.maps.valid.shape) / PIXELS_PER_LENGTH

@@ -19,7 +19,8 @@ from stack_counter.gamma_input import PIXELS_PER_LENGTH, StackMaps, describe, ma
 from stack_counter.pipeline import voxel_size_for
 from stack_counter.train.heights import Sample
 
-BLUR = (0.45, 0.75)  # standard deviation, voxels
+BLUR = (0.4, 0.65)  # standard deviation of fusion, voxels
+RESAMPLING = (0.2, 0.55)  # and of bringing the map to the network's pixels, pixels
 NOISE_M = (0.0001, 0.0004)  # standard deviation of the fused surface
 FLOOR_M = 0.0004  # standard deviation of the inner surface's level
 
@@ -28,7 +29,8 @@ def degraded(of: Sample, random: np.random.Generator) -> StackMaps:
     """The sample's maps as a fused scan might show them."""
     maps, length = of.maps, of.length_m
     pixel = length / PIXELS_PER_LENGTH
-    sigma = random.uniform(*BLUR) * voxel_size_for(of.length_m**3) / pixel
+    sigma = float(np.hypot(random.uniform(*BLUR) * voxel_size_for(of.length_m**3) / pixel,
+                           random.uniform(*RESAMPLING)))
     inner = maps.top - maps.height
     weight = cv2.GaussianBlur(maps.valid.astype(np.float32), (0, 0), sigma,
                               borderType=cv2.BORDER_CONSTANT)

@@ -8,9 +8,12 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from multiprocessing import get_context
 from pathlib import Path
 
+import cv2
 import numpy as np
 import torch
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
@@ -22,7 +25,6 @@ from stack_counter.train.batches import FOLDS, batches, fold_of, make_tile, targ
 from stack_counter.train.heights import Sample, load_samples
 from stack_counter.train.scans import read_scans
 
-_FORM_WEIGHT = 0.1  # of the loss on the part's form
 _WATCHED = 400  # samples of families left out that are looked at after an epoch
 
 
@@ -55,6 +57,11 @@ class Data:
     fused: list[bool]
     weights: np.ndarray
 
+    @property
+    def families(self) -> list[str]:
+        """Their names, sorted."""
+        return sorted({s.family for s in self.samples})
+
     def pick(self, chosen: np.ndarray) -> Data:
         """Those of a (n,) bool mask."""
         at = np.flatnonzero(chosen)
@@ -75,34 +82,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--epochs", type=int, default=TrainConfig.epochs, metavar="N")
     parser.add_argument("--scenes", type=int, metavar="N", help="only N of them, drawn at random")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
-    parser.add_argument("--workers", type=int, default=2, metavar="W", help="for height maps")
-    parser.add_argument("--encoder", default="own", choices=("own", "dinov2"))
-    parser.add_argument("--encoder-weights", type=Path, metavar="DIR",
-                        help="your own folder of DINOv2 (config.json, safetensors)")
+    parser.add_argument("--workers", type=int, default=2, metavar="W",
+                        help="members trained at a time, each on one core")
 
 
 def run(options: argparse.Namespace) -> int:
     """Trains members that are not finished; writes curves."""
-    data = load_data(options.data, options.scans, options.cache, options.workers)
-    if options.scenes:
-        random = np.random.default_rng([options.seed, 0x5CE])
-        few = np.zeros(len(data.samples), bool)
-        few[random.permutation(len(few))[:options.scenes]] = True
-        data = data.pick(few)
-    config = TrainConfig(epochs=options.epochs, seed=options.seed)
     options.out.mkdir(parents=True, exist_ok=True)
-    families = sorted({s.family for s in data.samples})
-    (options.out / "families.json").write_text(json.dumps(families))
-    fold = fold_of(families)
-    of = np.array([fold[s.family] for s in data.samples])
-    for number in options.folds:
-        train_member(data.pick(of != number), data.pick(of == number), config,
-                     options.out / f"member_{number}.pt")
+    data = load_data(options)  # casts the height maps; says what is wrong with the folders
+    (options.out / "families.json").write_text(json.dumps(data.families))
+    # Each on one core: networks this small lose more by sharing two than they gain.
+    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+        for job in [pool.submit(train_fold, options, number) for number in options.folds]:
+            job.result()
     plot_curves(options.out)
     return 0
 
 
-def load_data(folders: list[Path], scans: Path | None, cache: Path, workers: int) -> Data:
+def train_fold(options: argparse.Namespace, number: int) -> None:
+    """One member, in a process of its own."""
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    data = load_data(options)
+    fold = fold_of(data.families)
+    of = np.array([fold[s.family] for s in data.samples])
+    kept = of != number
+    if options.scenes:
+        random = np.random.default_rng([options.seed, 0x5CE])
+        few = random.permutation(np.flatnonzero(kept))[:options.scenes]
+        kept = np.isin(np.arange(len(of)), few)
+    config = TrainConfig(epochs=options.epochs, seed=options.seed)
+    train_member(data.pick(kept), data.pick(of == number), config,
+                 options.out / f"member_{number}.pt")
+
+
+def load_data(options: argparse.Namespace) -> Data:
     """Samples of the folders (`DIR` or `DIR:WEIGHT`) and of fused scans.
 
     Raises:
@@ -110,28 +124,22 @@ def load_data(folders: list[Path], scans: Path | None, cache: Path, workers: int
     """
     samples: list[Sample] = []
     weights: list[float] = []
-    for text in map(str, folders):
+    for text in map(str, options.data):
         name, _, share = text.partition(":")
         try:
             weight = float(share or 1)
         except ValueError as error:
             raise ConfigError(f"--data {text}: weight '{share}'; expected a number") from error
-        found = load_samples([Path(name)], cache, workers)
+        found = load_samples([Path(name)], options.cache, options.workers)
         samples += found
         weights += [weight] * len(found)
     if not samples:
-        raise ConfigError(f"no scenes in {[str(f) for f in folders]}; expected shard_*.npz")
+        raise ConfigError(f"no scenes in {list(map(str, options.data))}; expected shard_*.npz")
+    scans = options.scans
     cast = len(samples)
     fused = [scan.sample for scan in read_scans(scans) if scan.found] if scans else []
     return Data(samples + fused, [False] * cast + [True] * len(fused),
                 np.array(weights + [3.0] * len(fused)))
-
-
-def loss_of(net: torch.nn.Module, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
-    """Laplace's negative log likelihood of log gamma, and the form's squared error."""
-    mean, scale, form = net(x)
-    gamma = (torch.abs(y[:, 0] - mean) * torch.exp(-scale) + scale).mean()
-    return gamma + _FORM_WEIGHT * ((form - y[:, 1:]) ** 2).mean()
 
 
 def train_member(data: Data, held: Data, config: TrainConfig, path: Path) -> None:
@@ -158,7 +166,7 @@ def train_member(data: Data, held: Data, config: TrainConfig, path: Path) -> Non
                          (config.seed, epoch))
         for x, y in tqdm(source, total=steps, desc=f"{path.stem} epoch {epoch}", mininterval=30):
             with torch.autocast("cpu", torch.bfloat16):
-                loss = loss_of(net, x.to(memory_format=torch.channels_last), y)
+                loss = net.loss(x.to(memory_format=torch.channels_last), y)
             optimizer.zero_grad()
             loss.backward()
             torch.nn.utils.clip_grad_norm_(net.parameters(), 5.0)

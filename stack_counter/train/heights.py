@@ -131,10 +131,12 @@ def load_samples(folders: list[Path], cache: Path, workers: int) -> list[Sample]
             for path in paths]
     cache.mkdir(parents=True, exist_ok=True)
     missing = [job for job in jobs if not job[1].exists()]
+    if not missing:
+        return [sample for _, kept in jobs for sample in read_samples(kept)]
     # Spawned: a forked process would inherit the threads of whatever was loaded before.
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         for _ in tqdm(pool.map(_keep, missing), total=len(missing), unit=" shards",
-                      desc="height maps", disable=not missing):
+                      desc="height maps"):
             pass
     return [sample for _, kept in jobs for sample in read_samples(kept)]
 
