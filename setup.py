@@ -66,8 +66,8 @@ EXTRAS = {
         "manifold3d>=3.5.4",
         "matplotlib>=3.10",
     ],
-    # Labels by SAM 2; the weights are the user's own.
-    "sam2": ["transformers>=5.24; python_version >= '3.11'"],
+    # SAM 2, DINOv2 and Depth Anything V2; the weights are the user's own.
+    "models": ["transformers>=5.24; python_version >= '3.11'"],
     "test": [
         "mypy>=2.4",
         "pytest>=9.2",

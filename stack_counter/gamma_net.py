@@ -9,6 +9,7 @@ what gamma depends on.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -95,20 +96,44 @@ class GammaNet(nn.Module):
         return likelihood + _FORM_WEIGHT * ((form - y[:, 1:]) ** 2).mean()
 
 
-def save_members(path: Path, members: list[GammaNet], facts: dict[str, str],
+def make_net(encoder: str, folder: Path | None) -> nn.Module:
+    """An untrained network: `own`, or `dinov2` with the encoder from a folder of the user's.
+
+    Raises:
+        WeightsError: the folder cannot be loaded, or is missing for `dinov2`.
+    """
+    if encoder == "own":
+        return GammaNet(NetConfig())
+    if folder is None:
+        raise WeightsError("the encoder is DINOv2 and no folder with its weights is named; "
+                           "expected one")
+    from stack_counter.dino_net import DinoNet  # needs transformers
+
+    return DinoNet(folder)
+
+
+def save_members(path: Path, members: Sequence[nn.Module], facts: dict[str, str],
                  more: dict[str, torch.Tensor]) -> None:
-    """Writes an ensemble of equal networks; `facts` and tensors `more` travel with it."""
+    """Writes an ensemble of equal networks; `facts` and tensors `more` travel with it. Of a
+    network with DINOv2 the decoder alone is written: the encoder is the user's."""
+    first = members[0]
+    config = {"encoder": "own", **asdict(first.config)} if isinstance(first, GammaNet) \
+        else {"encoder": "dinov2"}
     tensors = {f"{i}.{name}": value.half() if value.is_floating_point() else value
                for i, net in enumerate(members) for name, value in net.state_dict().items()
-               if not name.endswith("num_batches_tracked")}
+               if _is_own(net, name)}
     tensors |= {f"calibration.{name}": value for name, value in more.items()}
     save_file({name: value.contiguous() for name, value in tensors.items()}, path, metadata={
-        "format": FORMAT, "config": json.dumps(asdict(members[0].config)),
-        "members": str(len(members)), **facts})
+        "format": FORMAT, "config": json.dumps(config), "members": str(len(members)), **facts})
 
 
-def load_members(path: Path) -> tuple[list[GammaNet], dict[str, str], dict[str, torch.Tensor]]:
+def load_members(path: Path, encoder_folder: Path | None = None
+                 ) -> tuple[list[nn.Module], dict[str, str], dict[str, torch.Tensor]]:
     """Networks in evaluation mode, facts and further tensors of a file of `save_members`.
+
+    Args:
+        path: safetensors file.
+        encoder_folder: of DINOv2, if the file's networks were trained upon it.
 
     Raises:
         WeightsError: missing, not safetensors, of another format, or not whole.
@@ -124,9 +149,9 @@ def load_members(path: Path) -> tuple[list[GammaNet], dict[str, str], dict[str, 
     if facts.get("format") != FORMAT:
         raise WeightsError(f"{path} is '{facts.get('format')}'; expected '{FORMAT}'")
     try:
-        sizes = json.loads(facts["config"])
-        config = NetConfig(tuple(sizes["widths"]), tuple(sizes["blocks"]), sizes["hidden"])
-        members = [_member(config, tensors, i) for i in range(int(facts["members"]))]
+        config = json.loads(facts["config"])
+        members = [_member(config, encoder_folder, tensors, i)
+                   for i in range(int(facts["members"]))]
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise WeightsError(f"{path} does not hold the networks it names: "
                            f"{' '.join(str(error).split())[:200]}") from error
@@ -135,14 +160,27 @@ def load_members(path: Path) -> tuple[list[GammaNet], dict[str, str], dict[str, 
     return members, facts, more
 
 
-def _member(config: NetConfig, tensors: dict[str, torch.Tensor], number: int) -> GammaNet:
-    net, prefix = GammaNet(config), f"{number}."
+def _is_own(net: nn.Module, name: str) -> bool:
+    """Whether a tensor is written: not a counter, and not a frozen encoder's."""
+    return not name.endswith("num_batches_tracked") and (
+        isinstance(net, GammaNet) or not name.startswith("encoder."))
+
+
+def _member(config: dict, encoder_folder: Path | None, tensors: dict[str, torch.Tensor],
+            number: int) -> nn.Module:
+    net: nn.Module
+    if config["encoder"] == "own":
+        net = GammaNet(NetConfig(tuple(config["widths"]), tuple(config["blocks"]),
+                                 config["hidden"]))
+    else:
+        net = make_net(config["encoder"], encoder_folder)
+    prefix = f"{number}."
     own = {name.removeprefix(prefix): value.float() for name, value in tensors.items()
            if name.startswith(prefix)}
     if not all(bool(torch.isfinite(value).all()) for value in own.values()):
         raise ValueError(f"member {number} holds NaN; expected finite numbers")
-    missing = net.load_state_dict(own, strict=False)
-    lacking = [n for n in missing.missing_keys if not n.endswith("num_batches_tracked")]
-    if lacking or missing.unexpected_keys:
-        raise ValueError(f"member {number} lacks {lacking[:3]}, has {missing.unexpected_keys[:3]}")
+    result = net.load_state_dict(own, strict=False)
+    lacking = [name for name in result.missing_keys if _is_own(net, name)]
+    if lacking or result.unexpected_keys:
+        raise ValueError(f"member {number} lacks {lacking[:3]}, has {result.unexpected_keys[:3]}")
     return net.eval()

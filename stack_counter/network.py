@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import torch
+from torch import nn
 
 from stack_counter.errors import WeightsError
 from stack_counter.gamma_input import (
@@ -18,7 +20,7 @@ from stack_counter.gamma_input import (
     stack_maps,
     tiles,
 )
-from stack_counter.gamma_net import GammaNet, load_members
+from stack_counter.gamma_net import load_members
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.types import OccupancyEstimate, StackVolume
 
@@ -33,18 +35,20 @@ _TENSORS = ("scores", "middle", "whiten", "reach")
 class Network:
     """The gamma-network with its calibration."""
 
-    def __init__(self, path: Path | None, without_depth: OccupancyEstimator):
+    def __init__(self, path: Path | None, without_depth: OccupancyEstimator,
+                 encoder_folder: Path | None = None):
         """Loads it.
 
         Args:
             path: weights; None is the file shipped with the package.
+            encoder_folder: of DINOv2, for weights trained upon it.
             without_depth: answers where there is nothing to read.
 
         Raises:
             WeightsError: missing, not safetensors, of another format or not whole.
         """
         shipped = Path(str(resources.files("stack_counter") / "weights" / SHIPPED))
-        self._members, facts, more = load_members(path or shipped)
+        self._members, facts, more = load_members(path or shipped, encoder_folder)
         if set(more) != set(_TENSORS):
             raise WeightsError(f"{path or shipped} has calibration {sorted(more)}; expected "
                                f"{sorted(_TENSORS)}")
@@ -85,7 +89,7 @@ class Network:
         return float(np.linalg.norm(away) / self._reach[0])
 
 
-def predict(members: list[GammaNet], maps: StackMaps) -> tuple[float, float, np.ndarray]:
+def predict(members: Sequence[nn.Module], maps: StackMaps) -> tuple[float, float, np.ndarray]:
     """Log gamma, the relative standard deviation of gamma, and the part's form (see
     `GammaNet.forward`): tiles weighted by what stands in them, members alike."""
     pieces = [piece for piece in tiles(maps) if piece.height.any()]

@@ -10,7 +10,6 @@ Source: Ravi et al., "SAM 2: Segment Anything in Images and Videos" (2024).
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,12 +18,11 @@ import cv2
 import numpy as np
 import torch
 
-from stack_counter.errors import WeightsError
+from stack_counter.local_models import load_local
 from stack_counter.segmentation.prompted import check_views
 from stack_counter.segmentation.prompts import Prompts
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS, View
 
-_MODEL = "sam2_video"  # `model_type` in config.json
 # Mean and standard deviation of the colours that SAM 2 was trained with (ImageNet's).
 _MEAN, _STD = np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225])
 _OFF, _ON, _LOW_CORNER, _HIGH_CORNER = 0, 1, 2, 3  # what SAM 2 calls a point
@@ -43,27 +41,11 @@ class Sam2:
             WeightsError: folder or safetensors missing, damaged, of another model or incomplete;
                 or `transformers` is not installed.
         """
-        _check_folder(Path(folder))
-        try:
-            from transformers import Sam2VideoInferenceSession, Sam2VideoModel
-            from transformers import logging as messages
-        except ImportError as error:
-            raise WeightsError("SAM 2 needs the package transformers, which is not installed; "
-                               "expected pip install 'stack_counter[sam2]'") from error
-        messages.disable_progress_bar()
-        try:
-            model, report = Sam2VideoModel.from_pretrained(
-                folder, local_files_only=True, use_safetensors=True, output_loading_info=True)
-        except Exception as error:  # a library's choice: OSError, ValueError, its own
-            raise WeightsError(f"{folder} cannot be loaded as a SAM 2 video model: "
-                               f"{str(error).splitlines()[0]}") from error
-        lacking = sorted(str(k) for k in [*report["missing_keys"], *report["mismatched_keys"]])
-        if lacking:
-            raise WeightsError(f"{folder} lacks {len(lacking)} tensors, first {lacking[0]}; "
-                               "expected all of a SAM 2 video model")
-        self._model = model.eval()
+        self._model = load_local(folder, "sam2_video", "Sam2VideoModel", "a SAM 2 video model")
+        from transformers import Sam2VideoInferenceSession
+
         self._session = Sam2VideoInferenceSession
-        size = model.config.vision_config.backbone_config.image_size
+        size = self._model.config.vision_config.backbone_config.image_size
         self._height, self._width = np.broadcast_to(size, 2).tolist()
 
     def segment_views(self, views: Sequence[View], prompts: Prompts) -> list[np.ndarray]:
@@ -136,19 +118,3 @@ def _label_image(masks: dict[int, np.ndarray], view: View) -> np.ndarray:
             labels[large > 0] = number
     return labels
 
-
-def _check_folder(folder: Path) -> None:
-    if not folder.is_dir():
-        raise WeightsError(f"no folder {folder}; expected one with a SAM 2 video model")
-    config = folder / "config.json"
-    if not config.is_file():
-        raise WeightsError(f"no config.json in {folder}; expected a SAM 2 video model")
-    try:
-        document = json.loads(config.read_text())
-    except ValueError as error:
-        raise WeightsError(f"{config} is not JSON: {error}") from error
-    kind = document.get("model_type") if isinstance(document, dict) else None
-    if kind != _MODEL:
-        raise WeightsError(f"{config} is of model type '{kind}'; expected '{_MODEL}'")
-    if not any(folder.glob("*.safetensors")):
-        raise WeightsError(f"no .safetensors in {folder}; expected the weights in that format")

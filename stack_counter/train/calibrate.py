@@ -18,10 +18,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch import nn
 
 from stack_counter.errors import ConfigError
 from stack_counter.gamma_input import describe
-from stack_counter.gamma_net import GammaNet, save_members
+from stack_counter.gamma_net import save_members
 from stack_counter.network import predict
 from stack_counter.train.batches import fold_of
 from stack_counter.train.gamma import read_member
@@ -43,7 +44,7 @@ class Residual:
     spread: float
 
 
-def residuals(members: dict[int, GammaNet], scans: list[Scan], fold: dict[str, int]
+def residuals(members: dict[int, nn.Module], scans: list[Scan], fold: dict[str, int]
               ) -> list[Residual]:
     """Of all scans of whose fold there is a member."""
     out = []
@@ -88,12 +89,14 @@ def main() -> int:
     parser.add_argument("run", type=Path, help="folder of member_*.pt")
     parser.add_argument("--scans", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--encoder-weights", type=Path, metavar="DIR", help="of DINOv2")
     parser.add_argument("--version", default="1", help="said in every message")
     options = parser.parse_args()
     paths = sorted(options.run.glob("member_*.pt"))
     if not paths:
         raise ConfigError(f"no member_*.pt in {options.run}; expected those that train writes")
-    members = {int(path.stem.partition("_")[2]): read_member(path)[0] for path in paths}
+    members = {int(path.stem.partition("_")[2]): read_member(path, options.encoder_weights)[0]
+               for path in paths}
     scans = read_scans(options.scans)
     families = json.loads((options.run / "families.json").read_text())
     of = residuals(members, scans, fold_of(families))

@@ -16,11 +16,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
+from torch import nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
 from stack_counter.errors import ConfigError
-from stack_counter.gamma_net import GammaNet, NetConfig
+from stack_counter.gamma_net import GammaNet, make_net
 from stack_counter.train.batches import FOLDS, batches, fold_of, make_tile, targets
 from stack_counter.train.heights import Sample, load_samples
 from stack_counter.train.scans import read_scans
@@ -81,6 +82,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="members to train; each leaves out the families of its fold")
     parser.add_argument("--epochs", type=int, default=TrainConfig.epochs, metavar="N")
     parser.add_argument("--scenes", type=int, metavar="N", help="only N of them, drawn at random")
+    parser.add_argument("--encoder", default="own", choices=("own", "dinov2"),
+                        help="dinov2: the paper's network, for comparison")
+    parser.add_argument("--encoder-weights", type=Path, metavar="DIR",
+                        help="your own folder of DINOv2 (config.json, safetensors)")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
     parser.add_argument("--workers", type=int, default=2, metavar="W",
                         help="members trained at a time, each on one core")
@@ -112,7 +117,9 @@ def train_fold(options: argparse.Namespace, number: int) -> None:
         few = random.permutation(np.flatnonzero(kept))[:options.scenes]
         kept = np.isin(np.arange(len(of)), few)
     config = TrainConfig(epochs=options.epochs, seed=options.seed)
-    train_member(data.pick(kept), data.pick(of == number), config,
+    torch.manual_seed(options.seed)
+    net = make_net(options.encoder, options.encoder_weights)
+    train_member(net, data.pick(kept), data.pick(of == number), config,
                  options.out / f"member_{number}.pt")
 
 
@@ -142,10 +149,9 @@ def load_data(options: argparse.Namespace) -> Data:
                 np.array(weights + [3.0] * len(fused)))
 
 
-def train_member(data: Data, held: Data, config: TrainConfig, path: Path) -> None:
+def train_member(net: nn.Module, data: Data, held: Data, config: TrainConfig, path: Path) -> None:
     """Trains one network, from its checkpoint if there is one; the best epoch is kept."""
-    torch.manual_seed(config.seed)
-    net = GammaNet(NetConfig()).to(memory_format=torch.channels_last)
+    net = net.to(memory_format=torch.channels_last)
     average = AveragedModel(net, multi_avg_fn=get_ema_multi_avg_fn(0.995), use_buffers=True)
     steps = max(len(data.samples) // config.batch, 1)
     optimizer = torch.optim.AdamW(net.parameters(), config.rate, weight_decay=config.decay)
@@ -181,7 +187,8 @@ def train_member(data: Data, held: Data, config: TrainConfig, path: Path) -> Non
         if line["score"] <= min(h["score"] for h in history):
             best = {name: value.clone() for name, value in average.module.state_dict().items()}
         _write(path, {**{name: part.state_dict() for name, part in parts.items()},
-                      "history": history, "best": best, "config": asdict(config)})
+                      "history": history, "best": best, "config": asdict(config),
+                      "encoder": "own" if isinstance(net, GammaNet) else "dinov2"})
 
 
 def _progress(history: list[dict], patience: int) -> bool:
@@ -211,10 +218,10 @@ def _write(path: Path, state: dict) -> None:
     half.replace(path)
 
 
-def read_member(path: Path) -> tuple[GammaNet, list[dict]]:
+def read_member(path: Path, encoder_folder: Path | None = None) -> tuple[nn.Module, list[dict]]:
     """The best network of a checkpoint, and its history."""
     state = torch.load(path, weights_only=True)
-    net = GammaNet(NetConfig())
+    net = make_net(state["encoder"], encoder_folder)
     net.load_state_dict(state["best"])
     return net.eval(), state["history"]
 
@@ -228,7 +235,7 @@ def plot_curves(folder: Path) -> None:
 
     figure, axes = pyplot.subplots(1, 2, figsize=(9, 3.2))
     for path in sorted(folder.glob("member_*.pt")):
-        history = read_member(path)[1]
+        history = torch.load(path, weights_only=True)["history"]
         axes[0].plot([h["loss"] for h in history], label=path.stem)
         axes[1].plot([h["mae"] for h in history], label=path.stem)
     for axis, title in zip(axes, ("training loss", "gamma MAE, families left out")):

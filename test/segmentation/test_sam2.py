@@ -16,7 +16,7 @@ from stack_counter.segmentation.prompts import PromptError, parse_prompts
 from stack_counter.segmentation.sam2 import Sam2, _label_image
 from stack_counter.types import CONTAINER, PARTS
 
-transformers = pytest.importorskip("transformers", reason="SAM 2 needs the extra sam2")
+transformers = pytest.importorskip("transformers", reason="SAM 2 needs the extra models")
 
 PROMPTS = parse_prompts({"parts": {"boxes": [[60, 45, 100, 80]], "points": [[80, 60]]},
                          "container": {"boxes": [[40, 30, 120, 95]]},

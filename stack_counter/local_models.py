@@ -1,0 +1,60 @@
+"""Models of `transformers` from a folder that the user names. Nothing is ever downloaded."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from stack_counter.errors import WeightsError
+
+
+def load_local(folder: Path, model_type: str, architecture: str, what: str) -> Any:
+    """A model in evaluation mode.
+
+    Args:
+        folder: with `config.json` and safetensors.
+        model_type: that `config.json` must name.
+        architecture: class of `transformers`.
+        what: the model's name in messages.
+
+    Raises:
+        WeightsError: folder or safetensors missing, damaged, of another model or incomplete; or
+            `transformers` is not installed.
+    """
+    folder = Path(folder)
+    _check_folder(folder, model_type, what)
+    try:
+        import transformers
+    except ImportError as error:
+        raise WeightsError(f"{what} needs the package transformers, which is not installed; "
+                           "expected pip install 'stack_counter[models]'") from error
+    transformers.logging.disable_progress_bar()
+    try:
+        model, report = getattr(transformers, architecture).from_pretrained(
+            folder, local_files_only=True, use_safetensors=True, output_loading_info=True)
+    except Exception as error:  # a library's choice: OSError, ValueError, its own
+        raise WeightsError(f"{folder} cannot be loaded as {what}: "
+                           f"{str(error).splitlines()[0]}") from error
+    lacking = sorted(str(k) for k in [*report["missing_keys"], *report["mismatched_keys"]])
+    if lacking:
+        raise WeightsError(f"{folder} lacks {len(lacking)} tensors, first {lacking[0]}; "
+                           f"expected all of {what}")
+    return model.eval()
+
+
+def _check_folder(folder: Path, model_type: str, what: str) -> None:
+    if not folder.is_dir():
+        raise WeightsError(f"no folder {folder}; expected one with {what}")
+    config = folder / "config.json"
+    if not config.is_file():
+        raise WeightsError(f"no config.json in {folder}; expected {what}")
+    try:
+        document = json.loads(config.read_text())
+    except ValueError as error:
+        raise WeightsError(f"{config} is not JSON: {error}") from error
+    kind = document.get("model_type") if isinstance(document, dict) else None
+    if kind != model_type:
+        raise WeightsError(f"{config} is of model type '{kind}'; expected '{model_type}'")
+    if not any(folder.glob("*.safetensors")):
+        raise WeightsError(f"no .safetensors in {folder}; expected the weights in that format")
