@@ -189,8 +189,7 @@ def _replay(options: argparse.Namespace) -> int:
     unit_volume = resolve_unit_volume(part, given)
     if not options.bag.exists():
         raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
-    weights = config.counter.weights
-    make_estimator(config.counter.estimator, Path(weights) if weights else None)  # or say why not
+    make_estimator(config.counter)  # or say why not
     configured_container(config.reconstructor)  # or say why not
     if config.reconstructor.prompts:
         from stack_counter.bag.replay import check_prompts

@@ -108,6 +108,10 @@ class CounterConfig:
     estimator: str = _setting("depth_corrected", "what says gamma", choices=(
         "network", "depth_corrected", "depth_extrapolated", "prior"))
     weights: str = _setting("", "safetensors file of the estimator; empty: the shipped one")
+    encoder_weights: str = _setting("", "folder with your own DINOv2 weights, for estimator "
+                                        "weights that were trained upon it; empty: none")
+    depth_weights: str = _setting("", "folder with your own Depth Anything V2 weights, which read "
+                                      "key views in colour only; empty: none")
     confidence: float = _setting(0.9, "probability that the interval holds the true count",
                                  0.01, 0.999)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.errors import ScanError
-from stack_counter.types import PARTS, StackVolume
+from stack_counter.types import PARTS, KeyView, StackVolume
 
 PIXELS_PER_LENGTH = 8
 TILE = 112  # pixels: 14 l
@@ -164,6 +164,22 @@ def key_view_maps(volume: StackVolume, unit_volume: float) -> StackMaps:
     top = (far - _extended(nearest, hit)) / PIXELS_PER_LENGTH
     top = (top - np.percentile(top[valid], 2)).astype(np.float32)
     return make_maps(top, np.zeros(shape, np.float32), valid, walled=False)
+
+
+def picture_maps(view: KeyView, nearness: np.ndarray) -> StackMaps:
+    """One tile of a key view in colour, as the paper's network reads it: the crop, whatever its
+    scale, with (h, w) `nearness` as its height.
+
+    Raises:
+        ScanError: the view shows no parts.
+    """
+    parts = view.labels == PARTS
+    if not parts.any():
+        raise ScanError("0 pixels of the key view show parts; expected some")
+    scale = TILE / max(parts.shape)
+    top, valid = (_resampled(a.astype(np.float32), scale) for a in (nearness, parts))
+    maps = make_maps(top, np.zeros_like(top), valid > 0.5, walled=False)
+    return crop(maps, (top.shape[0] - TILE) // 2, (top.shape[1] - TILE) // 2)
 
 
 def _starts(low: int, high: int) -> list[int]:

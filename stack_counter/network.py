@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -17,12 +18,16 @@ from stack_counter.gamma_input import (
     channels,
     describe,
     key_view_maps,
+    picture_maps,
     stack_maps,
     tiles,
 )
-from stack_counter.gamma_net import load_members
+from stack_counter.gamma_net import GammaNet, load_members
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.types import OccupancyEstimate, StackVolume
+
+if TYPE_CHECKING:
+    from stack_counter.monocular import MonocularDepth
 
 SHIPPED = "gamma.safetensors"
 _LEAST_PARTS = 12  # of the training piles
@@ -36,16 +41,19 @@ class Network:
     """The gamma-network with its calibration."""
 
     def __init__(self, path: Path | None, without_depth: OccupancyEstimator,
-                 encoder_folder: Path | None = None):
+                 encoder_folder: Path | None = None, depth_folder: Path | None = None):
         """Loads it.
 
         Args:
             path: weights; None is the file shipped with the package.
             encoder_folder: of DINOv2, for weights trained upon it.
             without_depth: answers where there is nothing to read.
+            depth_folder: of Depth Anything, for key views in colour only. What it gives has no
+                scale: only networks upon DINOv2 can read it, as in the paper.
 
         Raises:
-            WeightsError: missing, not safetensors, of another format or not whole.
+            WeightsError: missing, not safetensors, of another format or not whole; or Depth
+                Anything beside a network of our own.
         """
         shipped = Path(str(resources.files("stack_counter") / "weights" / SHIPPED))
         self._members, facts, more = load_members(path or shipped, encoder_folder)
@@ -56,6 +64,14 @@ class Network:
             more[name].double().numpy() for name in _TENSORS)
         self.name = f"network {facts.get('version', 'unnamed')}"
         self._without_depth = without_depth
+        self._monocular: MonocularDepth | None = None
+        if depth_folder is not None:
+            if isinstance(self._members[0], GammaNet):
+                raise WeightsError(f"depth_weights {depth_folder} beside a network that reads "
+                                   "heights in part lengths; expected one upon DINOv2")
+            from stack_counter.monocular import MonocularDepth  # needs transformers
+
+            self._monocular = MonocularDepth(depth_folder)
 
     def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
         """gamma of a stack whose parts have `unit_volume` (m3) each.
@@ -63,11 +79,10 @@ class Network:
         Raises:
             ScanError: the surface cannot be read at that size of parts.
         """
-        from_key_view = volume.top is None
-        if from_key_view and (volume.key_view is None or volume.key_view.depth is None):
+        maps = self._maps(volume, unit_volume)
+        if maps is None:
             return self._without_depth.estimate(volume, unit_volume)
-        maps = key_view_maps(volume, unit_volume) if from_key_view \
-            else stack_maps(volume, unit_volume)
+        from_key_view = volume.top is None
         if not maps.height.any():
             return OccupancyEstimate(0.5, 0.25, self._scores, self.name)
         log_gamma, spread, form = predict(self._members, maps)
@@ -81,6 +96,17 @@ class Network:
         wider = max(far, 2.0 if from_key_view else 1.5 if reasons else 1.0)
         return OccupancyEstimate(gamma, gamma * spread * wider, self._scores, self.name,
                                  tuple(reasons))
+
+    def _maps(self, volume: StackVolume, unit_volume: float) -> StackMaps | None:
+        """From the best that there is to read; None if there is nothing."""
+        view = volume.key_view
+        if volume.top is not None:
+            return stack_maps(volume, unit_volume)
+        if view is not None and view.depth is not None:
+            return key_view_maps(volume, unit_volume)
+        if view is not None and view.color is not None and self._monocular is not None:
+            return picture_maps(view, self._monocular.nearness(view.color))
+        return None
 
     def strangeness(self, maps: StackMaps) -> float:
         """Mahalanobis distance of the surface's features from the training's, over that which

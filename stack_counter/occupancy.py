@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from safetensors import SafetensorError, safe_open
 
+from stack_counter.config import CounterConfig
 from stack_counter.errors import ConfigError, WeightsError
 from stack_counter.types import OccupancyEstimate, StackVolume
 
@@ -133,8 +134,8 @@ def _with_spread(gamma: float, ratios: np.ndarray, name: str, reasons: tuple[str
     return OccupancyEstimate(gamma, gamma * std, logs / std, name, reasons)
 
 
-def make_estimator(name: str, weights: Path | None = None) -> OccupancyEstimator:
-    """The estimator of that name.
+def make_estimator(config: CounterConfig) -> OccupancyEstimator:
+    """The estimator that the settings name.
 
     Raises:
         ConfigError: unknown name.
@@ -143,11 +144,13 @@ def make_estimator(name: str, weights: Path | None = None) -> OccupancyEstimator
     kinds: dict[str, Callable[[Baselines], OccupancyEstimator]] = {
         "depth_corrected": DepthCorrected, "depth_extrapolated": DepthExtrapolated,
         "prior": Prior}
-    if name == "network":
+    weights, encoder, depth = (Path(text) if text else None for text in (
+        config.weights, config.encoder_weights, config.depth_weights))
+    if config.estimator == "network":
         from stack_counter.network import Network  # brings in torch, which takes seconds
 
-        return Network(weights, Prior(Baselines()))
-    if name not in kinds:
-        raise ConfigError(f"unknown estimator '{name}'; expected one of "
+        return Network(weights, Prior(Baselines()), encoder, depth)
+    if config.estimator not in kinds:
+        raise ConfigError(f"unknown estimator '{config.estimator}'; expected one of "
                           f"{sorted([*kinds, 'network'])}")
-    return kinds[name](Baselines(weights))
+    return kinds[config.estimator](Baselines(weights))

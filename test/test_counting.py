@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from stack_counter.counting import flagged, make_count, verdict
+from stack_counter.config import CounterConfig
+from stack_counter.counting import conformal_quantile, flagged, make_count, verdict
 from stack_counter.errors import ConfigError, PartError, WeightsError
 from stack_counter.occupancy import FORMAT, Baselines, make_estimator, normalized_height
 from stack_counter.types import Container, HeightMap, OccupancyEstimate, StackVolume, ViewTally
@@ -21,8 +22,8 @@ def volume(V, std=0.0, heights=None, floor=0.0, reasons=()):
                        ViewTally(), reasons)
 
 
-def estimate(gamma=1.0, ratios=(1.0, 1.0, 1.0)):
-    return OccupancyEstimate(gamma, 0.1, np.array(ratios), "test")
+def estimate(gamma=1.0, std=0.0, scores=(0.0,)):
+    return OccupancyEstimate(gamma, std, np.array(scores), "test")
 
 
 @pytest.mark.parametrize("k", [1, 37, 412])
@@ -31,17 +32,25 @@ def test_gamma_1_and_k_unit_volumes_count_k(k):
     assert (count.count, count.count_interval) == (k, (k, k))
 
 
-def test_interval_is_that_of_the_residuals():
-    count = make_count(volume(1e-3), 1e-6, estimate(0.4, np.linspace(0.5, 1.5, 101)), 0.9)
+def test_interval_is_that_of_the_scores_of_99():
+    """Of 99 scores the 5th and the 95th bound 90%."""
+    count = make_count(volume(1e-3), 1e-6, estimate(0.4, 0.04, np.linspace(-4.9, 4.9, 99)), 0.9)
     assert count.count == 400
-    assert count.count_interval == (220, 580)  # 0.55 and 1.45 of it
+    low, high = (400 * np.exp(0.1 * x) for x in (-4.5, 4.5))
+    assert count.count_interval == (int(low), int(high) + 1)
+
+
+@pytest.mark.parametrize("share, score", [(0.05, 0), (0.25, 1), (0.75, 8), (0.95, 9)])
+def test_few_scores_give_wide_quantiles(share, score):
+    """Ten scores: k of share * 11, away from the middle, and never beyond the ends."""
+    scores = np.random.default_rng(0).permutation(np.arange(10.0))
+    assert conformal_quantile(scores, share) == score
 
 
 def test_interval_widens_with_the_error_of_v_and_with_confidence():
     def width(std, confidence):
-        ratios = np.linspace(0.8, 1.2, 101)
-        low, high = make_count(volume(1e-3, std), 1e-6, estimate(0.4, ratios),
-                               confidence).count_interval
+        of = estimate(0.4, 0.02, np.linspace(-2, 2, 101))
+        low, high = make_count(volume(1e-3, std), 1e-6, of, confidence).count_interval
         assert low <= 400 <= high
         return high - low
 
@@ -96,12 +105,13 @@ def test_estimators_read_the_map_and_name_themselves_baselines(tmp_path):
     path = weights(tmp_path / "w.safetensors")
     flat = volume(1e-3, heights=np.full((20, 20), 0.05))
     for name, gamma in (("depth_corrected", 0.6), ("depth_extrapolated", 1.0), ("prior", 0.5)):
-        got = make_estimator(name, path).estimate(flat, 1e-6)
+        got = make_estimator(CounterConfig(estimator=name, weights=str(path))).estimate(flat, 1e-6)
         assert got.gamma == pytest.approx(gamma) and got.estimator == f"{name} (baseline)"
-    blind = make_estimator("depth_corrected", path).estimate(volume(1e-3), 1e-6)
+    corrected = make_estimator(CounterConfig(estimator="depth_corrected", weights=str(path)))
+    blind = corrected.estimate(volume(1e-3), 1e-6)
     assert (blind.gamma, blind.reasons) == (0.5, ("no_depth",))
     with pytest.raises(ConfigError, match="unknown estimator"):
-        make_estimator("guess", path)
+        make_estimator(CounterConfig(estimator="guess", weights=str(path)))
 
 
 def test_shipped_weights_load():

@@ -5,6 +5,7 @@ import pytest
 import torch
 from test_gamma_input import hills, stack
 
+from stack_counter.config import CounterConfig
 from stack_counter.errors import ScanError, WeightsError
 from stack_counter.gamma_input import describe, stack_maps
 from stack_counter.gamma_net import GammaNet, NetConfig, save_members
@@ -84,4 +85,4 @@ def test_weights_without_calibration_are_refused(tmp_path):
     path = tmp_path / "w.safetensors"
     save_members(path, [GammaNet(NetConfig((8, 8, 8, 8), (1, 1, 1, 1), 8))], {}, {})
     with pytest.raises(WeightsError, match="calibration"):
-        make_estimator("network", path)
+        make_estimator(CounterConfig(estimator="network", weights=str(path)))

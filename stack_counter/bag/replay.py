@@ -75,8 +75,7 @@ def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
     Raises:
         BagError, ScanError, ConfigError, WeightsError, PartError: see there.
     """
-    estimator = make_estimator(config.counter.estimator,
-                               Path(config.counter.weights) if config.counter.weights else None)
+    estimator = make_estimator(config.counter)
     stack = StackCounter(config.reconstructor)
     stack.reset(unit_volume)
     loaded = time.perf_counter()

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from stack_counter.config import CounterConfig
 from stack_counter.counting import make_count
 from stack_counter.errors import StackCounterError
 from stack_counter.eval.sets import folder_of
@@ -85,7 +86,8 @@ def _packed(job: tuple) -> Case:
 
 @cache
 def _estimator(name: str, weights: Path | None) -> OccupancyEstimator:
-    return make_estimator(name, weights if name == "network" else None)
+    return make_estimator(CounterConfig(
+        estimator=name, weights=str(weights) if weights and name == "network" else ""))
 
 
 def _case(scene: Scene, depth: str, views: int, confidence: float, weights: Path | None) -> Case:

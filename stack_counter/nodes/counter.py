@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from stack_counter_msgs.msg import StackCount, StackVolume
 from std_msgs.msg import Header
 
 from stack_counter.config import CounterConfig
-from stack_counter.errors import PartError
+from stack_counter.errors import StackCounterError
 from stack_counter.nodes.base import LATCHED, ManagedNode, run
 from stack_counter.nodes.conversions import failed_count, to_stack_count
 from stack_counter.nodes.count_action import CountAction
@@ -33,8 +31,7 @@ class CounterNode(ManagedNode[CounterConfig]):
     def setup(self, config: CounterConfig) -> None:
         """Loads the estimator and connects it."""
         self._config = config
-        self._estimator = make_estimator(config.estimator,
-                                         Path(config.weights) if config.weights else None)
+        self._estimator = make_estimator(config)
         self._last: StackCount | None = None
         self._count = self.advertise(StackCount, "count", LATCHED)
         self._diagnostics = self.advertise(DiagnosticArray, "/diagnostics", QoSProfile(depth=1))
@@ -64,7 +61,7 @@ class CounterNode(ManagedNode[CounterConfig]):
             unit_volume = resolve_unit_volume(part, unit_volume)
             result = count_stack(from_stack_volume(message), unit_volume, self._estimator,
                                  self._action.confidence)
-        except PartError as error:
+        except StackCounterError as error:
             return failed_count(str(error), message)
         return to_stack_count(result, message)
 
