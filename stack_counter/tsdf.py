@@ -63,10 +63,8 @@ class Tsdf:
         image = o3d.t.geometry.Image(o3c.Tensor(np.ascontiguousarray(depth, np.float32)))
         wanted = o3d.t.geometry.Image(o3c.Tensor(np.where(surface, depth, 0).astype(np.float32)))
         settings = (1.0, self._depth_trunc, self._trunc_voxels)
-        new = self._grid.compute_unique_block_coordinates(wanted, K, T_camera_world, *settings)
-        # Looked up, not sorted: np.unique over rows takes as long as the fusion itself.
-        known = self._grid.hashmap().find(new)[1].numpy()
-        blocks = np.concatenate([self._blocks(), new.numpy()[~known]])
+        blocks = np.concatenate([self._blocks(),
+                                 self._new_blocks(wanted, K, T_camera_world, settings)])
         needed = len(blocks) * _BLOCK**3 * _BYTES / 1e6
         if needed > self._max_memory_mb:
             raise ViewError("too_large", f"the volume needs {needed:.0f} MB at a voxel_size of "
@@ -78,6 +76,20 @@ class Tsdf:
             if self._views > self._max_weight:  # no weight can be above it before
                 weights = self._grid.attribute("weight").numpy()  # shares the memory
                 np.minimum(weights, self._max_weight, out=weights)
+
+    def _new_blocks(self, wanted: o3d.t.geometry.Image, K: o3c.Tensor, T_camera_world: o3c.Tensor,
+                    settings: tuple[float, float, float]) -> np.ndarray:
+        """(n, 3) int32 coordinates of the blocks on the wanted surface that do not exist yet."""
+        try:
+            found = self._grid.compute_unique_block_coordinates(wanted, K, T_camera_world,
+                                                                *settings)
+        except RuntimeError as error:
+            if "No block is touched" not in str(error):
+                raise
+            return np.zeros((0, 3), np.int32)  # the view sees nothing that is to be kept
+        # Looked up, not sorted: np.unique over rows takes as long as the fusion itself.
+        known = self._grid.hashmap().find(found)[1].numpy()
+        return found.numpy()[~known]
 
     def _blocks(self) -> np.ndarray:
         """(n, 3) int32 coordinates of the blocks that exist."""

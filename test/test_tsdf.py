@@ -20,3 +20,16 @@ def test_an_oblique_plane_lies_where_the_depth_image_says(turn):
     heights = TopView(tsdf.extract_triangle_mesh(1)).heights(corner, 0.002, (100, 100)).heights
     assert np.isfinite(heights).all()
     assert heights.mean() == pytest.approx(0, abs=3e-4)
+
+
+def test_a_view_of_nothing_to_keep_only_carves():
+    view = Scene().view(geometry.look_at(np.array([0, 0, 1.2]), np.zeros(3)))
+    tsdf = Tsdf(0.002, 4.0, 3.0, 20.0, 1000.0)
+    nothing = np.zeros(view.depth.shape, bool)
+    tsdf.integrate(view.depth, nothing, view.intrinsics, view.T_world_camera)
+    assert not len(tsdf.extract_triangle_mesh(1).triangles)
+    few = nothing.copy()
+    few[101, 203] = True  # between the pixels that Open3D looks at
+    tsdf.integrate(view.depth, few, view.intrinsics, view.T_world_camera)
+    tsdf.integrate(view.depth, view.depth > 0, view.intrinsics, view.T_world_camera)
+    assert len(tsdf.extract_triangle_mesh(1).triangles)
