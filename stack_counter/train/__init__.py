@@ -3,7 +3,7 @@
 What is named here is for `eval`; the rest is training's own.
 """
 
+from stack_counter.train.fused import reconstruct
 from stack_counter.train.heights import cast
-from stack_counter.train.scans import reconstruct
 
 __all__ = ["cast", "reconstruct"]

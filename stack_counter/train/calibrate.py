@@ -25,8 +25,8 @@ from stack_counter.gamma_input import describe
 from stack_counter.gamma_net import save_members
 from stack_counter.network import predict
 from stack_counter.train.batches import fold_of
+from stack_counter.train.fused import Scan, read_scans
 from stack_counter.train.gamma import read_member
-from stack_counter.train.scans import Scan, read_scans
 
 _KNOWN = 0.99  # share of training stacks within the reach of what is known
 _SOFT = 1e-2  # added to the covariance of the features

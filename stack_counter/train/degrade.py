@@ -46,8 +46,8 @@ def degraded(of: Sample, random: np.random.Generator) -> StackMaps:
 
 def main() -> int:
     """Prints the textures of fused scans over those of the same scenes degraded."""
+    from stack_counter.train.fused import read_scans
     from stack_counter.train.heights import load_samples
-    from stack_counter.train.scans import read_scans
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scans", type=Path)

@@ -23,8 +23,8 @@ from tqdm import tqdm
 from stack_counter.errors import ConfigError
 from stack_counter.gamma_net import GammaNet, make_net
 from stack_counter.train.batches import FOLDS, batches, fold_of, make_tile, targets
+from stack_counter.train.fused import read_scans
 from stack_counter.train.heights import Sample, load_samples
-from stack_counter.train.scans import read_scans
 
 _WATCHED = 400  # samples of families left out that are looked at after an epoch
 

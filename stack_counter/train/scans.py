@@ -9,74 +9,15 @@ from __future__ import annotations
 import argparse
 import sys
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-from stack_counter.config import ReconstructorConfig
-from stack_counter.errors import StackCounterError
-from stack_counter.gamma_input import stack_maps
-from stack_counter.pipeline import StackCounter
-from stack_counter.sim import Scene, read_shard, record
-from stack_counter.train.heights import Sample, form_of, read_samples, write_samples
-from stack_counter.types import StackVolume
-
-_VIEWS = 12
-_FOUND = {"bin": "box", "tray": "box", "cylinder": "round", "bowl": "round", "cup": "round",
-          "bag": "free", "none": "none"}  # what the reconstruction makes of a kind
-
-
-@dataclass(frozen=True)
-class Scan:
-    """A fused scene: its maps with the truth, and how V came out (m3)."""
-
-    sample: Sample
-    true_volume: float
-    volume: float
-    volume_std: float
-    found: bool  # the container, for what it is
-
-
-def reconstruct(scene: Scene, seed: int = 0, views: int = _VIEWS) -> StackVolume:
-    """V of a noisy recording of a scene, with the default settings.
-
-    Raises:
-        StackCounterError: the scan is refused.
-    """
-    stack = StackCounter(ReconstructorConfig())
-    stack.reset(scene.truth.unit_volume)
-    for view in record(scene, views, seed, color=False):
-        stack.add_view(view)
-    return stack.volume()
-
-
-def scan(scene: Scene) -> Scan | None:
-    """One scene; None, with a line on stderr, if it is refused."""
-    truth, name = scene.truth, f"{scene.seed}:{scene.index}"
-    try:
-        volume = reconstruct(scene)
-        maps = stack_maps(volume, truth.unit_volume)
-    except StackCounterError as error:
-        print(f"scene {name}: {error}", file=sys.stderr)
-        return None
-    of = Sample(maps, truth.gamma, form_of(scene), truth.unit_volume ** (1 / 3), name,
-                scene.shape.family, scene.container.kind, truth.count, truth.fill)
-    return Scan(of, truth.stack_volume, volume.stack_volume, volume.stack_volume_std,
-                volume.container.kind == _FOUND[scene.container.kind])
-
-
-def read_scans(folder: Path) -> list[Scan]:
-    """All scans kept in a folder by this module's command."""
-    scans = []
-    for path in sorted(folder.glob("*.npz")):
-        with np.load(path, allow_pickle=False) as file:
-            more = file["more"]
-        scans += [Scan(sample, true, volume, std, bool(found))
-                  for sample, (true, volume, std, found) in zip(read_samples(path), more)]
-    return scans
+from stack_counter.sim import read_shard
+from stack_counter.train.fused import scan
+from stack_counter.train.heights import write_samples
 
 
 def _keep(job: tuple[Path, int, Path]) -> None:

@@ -1,0 +1,131 @@
+"""The training loop: learns, resumes where it was killed, leaves families out; calibration."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from stack_counter import gamma_net
+from stack_counter.errors import ConfigError
+from stack_counter.gamma_input import make_maps
+from stack_counter.gamma_net import GammaNet, NetConfig
+from stack_counter.network import Network
+from stack_counter.occupancy import Baselines, Prior
+from stack_counter.train import calibrate, gamma
+from stack_counter.train.fused import Scan
+from stack_counter.train.heights import Sample, write_samples
+
+SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)
+
+
+@pytest.fixture(autouse=True)
+def small_networks(monkeypatch):
+    monkeypatch.setattr(gamma, "make_net", lambda *_: GammaNet(SMALL))
+
+
+def sample(i, family="nut"):
+    """The finer the bumps, the smaller gamma."""
+    y, x = np.mgrid[:64, :64] / 8
+    fine = 0.6 + i % 8 / 2
+    top = (3 + 0.4 * np.sin(fine * x + i) * np.cos(fine * y)).astype(np.float32)
+    maps = make_maps(top, np.zeros_like(top), np.ones_like(top, bool), True)
+    return Sample(maps, 0.8 / fine, np.zeros(3, np.float32), 0.012, f"0:{i}", family, "bin", 40,
+                  0.6)
+
+
+def data(count, family="nut"):
+    samples = [sample(i, family) for i in range(count)]
+    return gamma.Data(samples, [i % 2 == 0 for i in range(count)], np.ones(count))
+
+
+def history(path):
+    return torch.load(path, weights_only=True)["history"]
+
+
+def test_it_learns_and_keeps_its_best(tmp_path):
+    torch.manual_seed(0)
+    config, path = gamma.TrainConfig(epochs=4, batch=8, rate=1e-2), tmp_path / "member_0.pt"
+    gamma.train_member(GammaNet(SMALL), data(64), data(8), config, path)
+    lines = history(path)
+    assert len(lines) == 4 and lines[-1]["loss"] < lines[0]["loss"]
+    assert gamma.read_member(path)[1] == lines
+    gamma.plot_curves(tmp_path)
+    assert (tmp_path / "curves.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_after_a_kill_it_goes_on_where_it_was(tmp_path, monkeypatch):
+    config, path = gamma.TrainConfig(epochs=3, batch=8), tmp_path / "member_0.pt"
+    watch, calls = gamma.watch, []
+
+    def killed(*args):
+        calls.append(1)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return watch(*args)
+    monkeypatch.setattr(gamma, "watch", killed)
+    with pytest.raises(KeyboardInterrupt):
+        gamma.train_member(GammaNet(SMALL), data(16), data(8), config, path)
+    first = history(path)
+    gamma.train_member(GammaNet(SMALL), data(16), data(8), config, path)
+    assert len(first) == 1 and len(history(path)) == 3 and history(path)[0] == first[0]
+
+
+def test_it_stops_when_nothing_improves(tmp_path, monkeypatch):
+    monkeypatch.setattr(gamma, "watch", lambda *_: {"score": 1.0, "mae": 1.0})
+    config, path = gamma.TrainConfig(epochs=9, batch=8, patience=2), tmp_path / "member_0.pt"
+    gamma.train_member(GammaNet(SMALL), data(8), data(8), config, path)
+    assert len(history(path)) == 3
+
+
+def test_a_folder_without_scenes_is_refused(tmp_path):
+    import argparse
+
+    def options(text):
+        return argparse.Namespace(data=[text], scans=None, cache=tmp_path / "c", workers=1)
+    with pytest.raises(ConfigError, match="expected shard_"):
+        gamma.load_data(options(tmp_path))
+    with pytest.raises(ConfigError, match="weight 'x'"):
+        gamma.load_data(options(f"{tmp_path}:x"))
+
+
+def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monkeypatch):
+    """Members guess the truth with a bias that depends on who guesses."""
+    torch.manual_seed(0)
+    scans = [Scan(sample(i, family), 1e-3, 1.1e-3, 2e-5, True)
+             for i in range(12) for family in ("nut", "tube")]
+    fold = {"nut": 0, "tube": 1}
+    seen = []
+
+    def predict(members, maps):
+        seen.append(members[0])
+        return 0.0, 0.2, np.zeros(3)
+    monkeypatch.setattr(calibrate, "predict", predict)
+    nets = {0: GammaNet(SMALL), 1: GammaNet(SMALL)}
+    of = calibrate.residuals(nets, scans, fold)
+    assert len(of) == 24
+    assert all(net is nets[fold[r.scan.sample.family]] for net, r in zip(seen, of))
+    assert of[0].log_count == pytest.approx(np.log(of[0].scan.sample.gamma) - np.log(1.1))
+    assert of[0].spread == pytest.approx(np.hypot(0.2, 2 / 110))
+
+
+def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(gamma_net, "NetConfig", lambda *a: NetConfig(*a) if a else SMALL)
+    run, scans = tmp_path / "run", tmp_path / "scans"
+    run.mkdir()
+    scans.mkdir()
+    families = ["nut", "tube"]
+    (run / "families.json").write_text(json.dumps(families))
+    config = gamma.TrainConfig(epochs=1, batch=8)
+    for k in range(5):
+        gamma.train_member(GammaNet(SMALL), data(16), data(8), config, run / f"member_{k}.pt")
+    samples = [sample(i, families[i % 2]) for i in range(20)]
+    write_samples(scans / "a.npz", samples, more=np.tile([1e-3, 1e-3, 1e-5, 1], (20, 1)))
+    out = tmp_path / "gamma.safetensors"
+    monkeypatch.setattr("sys.argv", ["calibrate", str(run), "--scans", str(scans), "--out",
+                                     str(out), "--version", "t1"])
+    assert calibrate.main() == 0
+    assert "gamma_mae" in capsys.readouterr().out
+    network = Network(out, Prior(Baselines()))
+    assert network.name == "network t1"
+    assert network.strangeness(samples[0].maps) < 1.5
