@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from stack_counter.config import CounterConfig
 from stack_counter.counting import make_count
-from stack_counter.errors import StackCounterError
+from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.sets import folder_of
 from stack_counter.gamma_input import PIXELS_PER_LENGTH
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
@@ -98,8 +98,9 @@ def _case(scene: Scene, depth: str, views: int, confidence: float, weights: Path
         for row, name in ROWS.items():
             guesses[row] = _guess(_estimator(name, weights), volume, truth.unit_volume,
                                   confidence)
-    except StackCounterError as refused:
+    except (ScanError, ViewError) as refused:
         print(f"scene {scene.index}: {refused}")
+        guesses = {}
     return Case(scene.index, scene.shape.family, scene.container.kind, truth.count, truth.gamma,
                 truth.fill, scene.shape.complexity, error, guesses)
 

@@ -34,6 +34,11 @@ def table(cases: list[Case]) -> str:
     lines = [f"{len(cases) - len(done)} refused",
              f"{'':20}{'n':>5}{'NAE':>7}{'SRE':>7}{'MAE':>8}{'sMAPE':>7}{'bias':>8}"
              f"{'coverage':>22}{'half width':>11}{'seconds':>8}"]
+    true = np.array([c.count for c in done], float)
+    by_volume = true * (1 + np.array([c.volume_error for c in done]))
+    lines.append(f"{'true gamma':20}{len(done):5}{metrics.nae(true, by_volume):7.3f}"
+                 f"{metrics.sre(true, by_volume):7.3f}{metrics.mae(true, by_volume):8.1f}"
+                 f"{metrics.smape(true, by_volume):7.1f}{np.mean(by_volume / true - 1):+8.3f}")
     lines += [_line(row, done, row) for row in ROWS]
     lines += [_line(f"ours, {name}", group, "ours") for name, group in groups(done).items()]
     families = {f: [c for c in done if c.family == f] for f in sorted({c.family for c in done})}

@@ -1,0 +1,149 @@
+"""Trains Psi, the wall-thickness network, on noisy views of simulated containers.
+
+    python -m stack_counter.train.wall data/train-deep data/train-shallow --out wall.safetensors
+
+The outer outline is the true one, moved and stretched as a fitted one may be.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import zlib
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from stack_counter.errors import ConfigError, ViewError
+from stack_counter.sim import Scene, read_shard, record
+from stack_counter.wall_forms import BoxWall, RoundWall, WallForm
+from stack_counter.wall_input import outer_width, wall_crop
+from stack_counter.wall_net import WallNet, save_wall_net
+
+_VIEWS = 3  # of a scene
+_EPOCHS, _BATCH, _RATE = 14, 32, 2e-3
+_HELD = 5  # of so many scenes one is left out
+_OUTLINE_M = 0.0007  # standard deviation of a fitted outline's place and size
+
+
+def outer_form(scene: Scene, random: np.random.Generator, std: float = _OUTLINE_M
+               ) -> WallForm | None:
+    """The outer face of a scene's container as its rim shows it; None for bags and heaps."""
+    box = scene.container
+    T, wall = box.T_world_container, box.wall_thickness_m
+    x, y = T[:2, 3] + random.normal(0, std, 2)
+    width, length = np.array(box.inner_size_m[:2]) + 2 * wall + random.normal(0, std, 2)
+    if box.kind in ("bin", "tray"):
+        return BoxWall(np.array([x, y, np.arctan2(T[1, 0], T[0, 0]), width, length, 0.0]))
+    if box.kind in ("cylinder", "bowl", "cup"):
+        return RoundWall(np.array([x, y, width / 2, 0.0, 0.0]))
+    return None
+
+
+def crops_of(scene: Scene) -> list[np.ndarray]:
+    """Of a few noisy views."""
+    random = np.random.default_rng([scene.seed, scene.index, 0x3A1])
+    form = outer_form(scene, random)
+    if form is None:
+        return []
+    out = []
+    for view in record(scene, _VIEWS, seed=1, color=False):
+        try:
+            out.append(wall_crop(view, form, scene.container.rim_m, 0.0))
+        except ViewError:
+            continue
+    return out
+
+
+def _keep(job: tuple[Path, int, Path]) -> None:
+    path, step, out = job
+    crops, target, index = [], [], []
+    for scene in read_shard(path):
+        if scene.index % step:
+            continue
+        form = outer_form(scene, np.random.default_rng(0), 0.0)
+        for crop in crops_of(scene):
+            assert form is not None  # for the type checker: it has crops
+            crops.append(crop.astype(np.float16))
+            target.append(np.log(scene.container.wall_thickness_m / outer_width(form)))
+            index.append(zlib.crc32(f"{scene.seed}:{scene.index}".encode()))
+    if crops:
+        np.savez_compressed(out, crops=np.stack(crops), target=target, scene=index)
+
+
+def load_crops(texts: list[str], cache: Path, workers: int
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Crops, targets and scene numbers of folders `DIR:STEP`; kept below `cache`."""
+    cache.mkdir(parents=True, exist_ok=True)
+    jobs = []
+    for text in texts:
+        folder, _, step = text.partition(":")
+        jobs += [(path, int(step or 1), cache / f"{path.parent.name}_{path.stem}_{step}.npz")
+                 for path in sorted(Path(folder).glob("shard_*.npz"))]
+    if not jobs:
+        raise ConfigError(f"no shard_*.npz in {texts}; expected folders of scenes")
+    missing = [job for job in jobs if not job[2].exists()]
+    if missing:
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            for _ in tqdm(pool.map(_keep, missing), total=len(missing), unit=" shards"):
+                pass
+    parts = [np.load(out) for _, _, out in jobs if out.exists()]
+    crops, target, scene = (np.concatenate([p[name] for p in parts])
+                            for name in ("crops", "target", "scene"))
+    return crops, target.astype(np.float32), scene
+
+
+def train(crops: np.ndarray, target: np.ndarray, seed: int = 0) -> WallNet:
+    """One network, by the one-cycle rule; mirrored at random."""
+    torch.manual_seed(seed)
+    random, net = np.random.default_rng(seed), WallNet()
+    steps = max(len(crops) // _BATCH, 1)
+    optimizer = torch.optim.AdamW(net.parameters(), _RATE, weight_decay=0.02)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, _RATE, _EPOCHS * steps + 1)
+    net.train()
+    for _ in tqdm(range(_EPOCHS), unit=" epochs"):
+        order = random.permutation(len(crops))[:steps * _BATCH]
+        for rows in order.reshape(steps, -1) if len(order) >= _BATCH else order[None]:
+            x = torch.from_numpy(crops[rows].astype(np.float32))
+            x = x.flip(3) if random.random() < 0.5 else x
+            with torch.autocast("cpu", torch.bfloat16):
+                loss = net.loss(x, torch.from_numpy(target[rows]))
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            schedule.step()
+    return net.eval()
+
+
+def main() -> int:
+    """Trains on four of five scenes, prints the errors on the fifth, writes the weights."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenes", nargs="+", metavar="DIR[:STEP]")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--cache", type=Path, default=Path("out/walls"))
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args()
+    crops, target, scene = load_crops(options.scenes, options.cache, options.workers)
+    held = scene % _HELD == 0
+    net = train(crops[~held], target[~held])
+    with torch.inference_mode():
+        guess = np.concatenate([net(x.float())[0].numpy()
+                                for x in torch.from_numpy(crops[held]).split(64)])
+    by_scene = [(np.exp(guess[scene[held] == s]).mean(), np.exp(target[held][scene[held] == s][0]))
+                for s in np.unique(scene[held])]
+    got, true = np.array(by_scene).T
+    errors = {"scenes": len(true), "mean_abs_share_of_width": float(np.abs(got - true).mean()),
+              "median_relative": float(np.median(np.abs(got / true - 1))),
+              "of_the_mean": float(np.abs(true.mean() - true).mean())}
+    save_wall_net(options.out, net, {"errors": json.dumps(errors)})
+    print(json.dumps(errors, indent=2))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
