@@ -64,7 +64,7 @@ class DinoNet(nn.Module):
         return (torch.log(gamma), torch.full_like(gamma, _LOG_SCALE),
                 gamma.new_zeros(len(gamma), FORM))
 
-    def loss(self, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+    def loss(self, x: torch.Tensor, y: torch.Tensor, **_: object) -> torch.Tensor:
         """Squared error of gamma; `y`: (b, 1 + FORM), log gamma first."""
         return functional.mse_loss(self.gamma(x).float(), torch.exp(y[:, 0]))
 

@@ -26,16 +26,17 @@ FORMAT = "stack_counter gamma 1"
 FORM = 3  # log part size, convexity and surface: learnt beside gamma
 _SCALARS = 3
 _DOWN = 16  # of the feature map
-_FORM_WEIGHT = 0.1  # of the loss on the part's form
 
 
 @dataclass(frozen=True)
 class NetConfig:
-    """Widths of the stages, at strides 2, 4, 8 and 16, and residual blocks of each."""
+    """Widths of the stages, at strides 2, 4, 8 and 16, residual blocks of each, width of the head,
+    and whether features are averaged by height (else every place counts alike)."""
 
     widths: tuple[int, ...] = (32, 64, 96, 128)
     blocks: tuple[int, ...] = (1, 2, 2, 2)
     hidden: int = 128
+    by_height: bool = True
 
 
 class Block(nn.Module):
@@ -74,7 +75,7 @@ class GammaNet(nn.Module):
         error (b,), form (b, FORM)."""
         height = torch.expm1(2 * x[:, 3:4])  # (b, 1, h, w), l
         features = self.encoder(x).float()  # (b, c, h / 16, w / 16)
-        weight = functional.avg_pool2d(height + 0.02 * x[:, 1:2], _DOWN)
+        weight = functional.avg_pool2d(height * self.config.by_height + 0.02 * x[:, 1:2], _DOWN)
         weight = weight / weight.sum((2, 3), keepdim=True).clamp_min(1e-6)
         mean = (features * weight).sum((2, 3))  # (b, c)
         spread = ((features - mean[:, :, None, None]) ** 2 * weight).sum((2, 3))
@@ -84,16 +85,21 @@ class GammaNet(nn.Module):
         out = self.head(torch.cat([mean, torch.sqrt(spread + 1e-4), scalars], 1)).float()
         return out[:, 0] - 0.7, out[:, 1].clamp(-2, 2) - 2, out[:, 2:]
 
-    def loss(self, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+    def loss(self, x: torch.Tensor, y: torch.Tensor, likelihood: bool = True,
+             form_weight: float = 0.1) -> torch.Tensor:
         """Laplace's negative log likelihood of log gamma, and the form's squared error.
 
         Args:
             x: as for `forward`.
             y: (b, 1 + FORM) log gamma and form.
+            likelihood: False: squared error, which knows no spread.
+            form_weight: of the form's error.
         """
         mean, scale, form = self(x)
-        likelihood = (torch.abs(y[:, 0] - mean) * torch.exp(-scale) + scale).mean()
-        return likelihood + _FORM_WEIGHT * ((form - y[:, 1:]) ** 2).mean()
+        miss = y[:, 0] - mean
+        fit = (torch.abs(miss) * torch.exp(-scale) + scale).mean() if likelihood \
+            else (miss**2).mean()
+        return fit + form_weight * ((form - y[:, 1:]) ** 2).mean()
 
 
 def make_net(encoder: str, folder: Path | None) -> nn.Module:
@@ -171,7 +177,7 @@ def _member(config: dict, encoder_folder: Path | None, tensors: dict[str, torch.
     net: nn.Module
     if config["encoder"] == "own":
         net = GammaNet(NetConfig(tuple(config["widths"]), tuple(config["blocks"]),
-                                 config["hidden"]))
+                                 config["hidden"], config.get("by_height", True)))
     else:
         net = make_net(config["encoder"], encoder_folder)
     prefix = f"{number}."

@@ -17,7 +17,7 @@ from stack_counter.train.heights import Sample
 FOLDS = 5
 _AHEAD = 6  # batches prepared while the network learns
 _EXACT = 0.5  # share of quarter turns, which leave the pixels as they are
-_BLIND = 0.08  # share of tiles without walls and floor, as a single view gives them
+BLIND = 0.08  # share of tiles without walls and floor, as a single view gives them
 
 
 def group_of(family: str) -> str:
@@ -65,12 +65,13 @@ def blinded(x: np.ndarray) -> np.ndarray:
     return np.stack([x[0], x[1], x[1], np.log1p(np.maximum(local, 0) * valid) / 2])
 
 
-def make_tile(of: Sample, fused: bool, seed: tuple[int, ...]) -> np.ndarray:
-    """(CHANNELS, TILE, TILE) float32 of a sample, degraded unless it was truly fused."""
+def make_tile(of: Sample, as_is: bool, seed: tuple[int, ...], blind: float = BLIND) -> np.ndarray:
+    """(CHANNELS, TILE, TILE) float32 of a sample; `as_is`: not degraded, e.g. truly fused;
+    `blind`: how likely it is to be blinded."""
     random = np.random.default_rng(seed)
-    tile = tile_of(of.maps if fused else degraded(of, random), random)
+    tile = tile_of(of.maps if as_is else degraded(of, random), random)
     x = channels(tile)
-    return blinded(x) if random.random() < _BLIND else x
+    return blinded(x) if random.random() < blind else x
 
 
 def targets(samples: list[Sample]) -> torch.Tensor:
@@ -78,16 +79,17 @@ def targets(samples: list[Sample]) -> torch.Tensor:
     return torch.tensor(np.array([[np.log(s.gamma), *s.form] for s in samples]), dtype=torch.float)
 
 
-def batches(samples: list[Sample], fused: list[bool], weights: np.ndarray, size: int, count: int,
-            seed: tuple[int, ...]) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-    """`count` batches of (size, CHANNELS, TILE, TILE) and targets, drawn by weight; prepared in
-    threads."""
+def batches(samples: list[Sample], as_is: list[bool], weights: np.ndarray, size: int, count: int,
+            seed: tuple[int, ...], blind: float = BLIND
+            ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+    """`count` batches of (size, CHANNELS, TILE, TILE) and targets, drawn by weight; prepared in a
+    thread."""
     random = np.random.default_rng(seed)
     chosen = random.choice(len(samples), (count, size), p=weights / weights.sum())
 
     def make(number: int) -> tuple[torch.Tensor, torch.Tensor]:
         rows = chosen[number]
-        x = np.stack([make_tile(samples[i], fused[i], (*seed, number, k))
+        x = np.stack([make_tile(samples[i], as_is[i], (*seed, number, k), blind)
                       for k, i in enumerate(rows)])
         return torch.from_numpy(x), targets([samples[i] for i in rows])
 

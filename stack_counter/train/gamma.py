@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from stack_counter.errors import ConfigError
 from stack_counter.gamma_net import GammaNet, make_net
-from stack_counter.train.batches import FOLDS, batches, fold_of, make_tile, targets
+from stack_counter.train.batches import BLIND, FOLDS, batches, fold_of, make_tile, targets
 from stack_counter.train.fused import read_scans
 from stack_counter.train.heights import Sample, load_samples
 
@@ -40,6 +40,9 @@ class TrainConfig:
         decay: weight decay.
         patience: epochs without progress on the families left out after which it stops.
         seed: of weights, batches and augmentation.
+        likelihood, form_weight: see `GammaNet.loss`.
+        blind: share of tiles without wall and floor.
+        degrade: as fusion does; else surfaces are learnt from as cast.
     """
 
     epochs: int = 20
@@ -48,6 +51,10 @@ class TrainConfig:
     decay: float = 0.05
     patience: int = 10
     seed: int = 0
+    likelihood: bool = True
+    form_weight: float = 0.1
+    blind: float = BLIND
+    degrade: bool = True
 
 
 @dataclass(frozen=True)
@@ -168,11 +175,13 @@ def train_member(net: nn.Module, data: Data, held: Data, config: TrainConfig, pa
     while len(history) < config.epochs and _progress(history, config.patience):
         begin, epoch, total = time.time(), len(history), 0.0
         net.train()
-        source = batches(data.samples, data.fused, data.weights, config.batch, steps,
-                         (config.seed, epoch))
+        as_is = [fused or not config.degrade for fused in data.fused]
+        source = batches(data.samples, as_is, data.weights, config.batch, steps,
+                         (config.seed, epoch), config.blind)
         for x, y in tqdm(source, total=steps, desc=f"{path.stem} epoch {epoch}", mininterval=30):
             with torch.autocast("cpu", torch.bfloat16):
-                loss = net.loss(x.to(memory_format=torch.channels_last), y)
+                loss = net.loss(x.to(memory_format=torch.channels_last), y,
+                                likelihood=config.likelihood, form_weight=config.form_weight)
             optimizer.zero_grad()
             loss.backward()
             torch.nn.utils.clip_grad_norm_(net.parameters(), 5.0)
@@ -196,10 +205,11 @@ def _progress(history: list[dict], patience: int) -> bool:
     return not scores or len(scores) - 1 - int(np.argmin(scores)) < patience
 
 
-def watch(net: torch.nn.Module, held: Data) -> dict[str, float]:
+def watch(net: torch.nn.Module, held: Data, blind: float = 0.0) -> dict[str, float]:
     """Errors on families left out: `score` is the mean error of log gamma."""
     order = np.random.default_rng(0).permutation(len(held.samples))[:_WATCHED]
-    x = np.stack([make_tile(held.samples[i], held.fused[i], (7, int(i))) for i in order])
+    x = np.stack([make_tile(held.samples[i], held.fused[i], (7, int(i)), blind)
+                  for i in order])
     true = targets([held.samples[i] for i in order])[:, 0]
     net.eval()
     with torch.no_grad():

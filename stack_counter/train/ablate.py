@@ -1,0 +1,92 @@
+"""What each part of the network and of its training brings: 2,000 scenes, 10 epochs, one fold of
+families left out, whose truly fused scans are looked at.
+
+    python -m stack_counter.train.ablate --data data/train-deep:2 ... --scans SCANS --out DIR
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+
+import cv2
+import numpy as np
+import torch
+
+from stack_counter.gamma_net import GammaNet, NetConfig
+from stack_counter.train.batches import fold_of
+from stack_counter.train.gamma import (
+    TrainConfig,
+    add_arguments,
+    load_data,
+    train_member,
+    watch,
+)
+
+_SCENES = 2000
+# Name -> changed settings of the network and of the training, scenes (0: all) and, of the names
+# of folders, what is left out.
+VARIANTS: dict[str, tuple[dict, dict, int, str]] = {
+    "as shipped": ({}, {}, _SCENES, ""),
+    "squared error, no spread": ({}, {"likelihood": False}, _SCENES, ""),
+    "no form beside gamma": ({}, {"form_weight": 0.0}, _SCENES, ""),
+    "no wall, no floor": ({}, {"blind": 1.0}, _SCENES, ""),
+    "every place counts alike": ({"by_height": False}, {}, _SCENES, ""),
+    "half as wide": ({"widths": (16, 32, 48, 64)}, {}, _SCENES, ""),
+    "surfaces as cast, not degraded": ({}, {"degrade": False}, _SCENES, ""),
+    "no compound parts": ({}, {}, _SCENES, "compound"),
+    "600 scenes": ({}, {}, 600, ""),
+    "all scenes": ({}, {}, 0, ""),
+}
+
+
+def run_variant(job: tuple[argparse.Namespace, str]) -> dict:
+    """Trains one variant and looks at it."""
+    options, name = job
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    of_net, of_training, scenes, without = VARIANTS[name]
+    kept = [text for text in map(str, options.data) if not without or without not in text]
+    # Of the fused scans only those left out are used: to look at what was learnt.
+    data = load_data(argparse.Namespace(**{**vars(options), "data": list(map(str, options.data))}))
+    known = load_data(argparse.Namespace(**{**vars(options), "data": kept, "scans": None}))
+    fold, number = fold_of(data.families), options.folds[0]
+    held = data.pick(np.array([fold[s.family] == number and fused for s, fused in
+                               zip(data.samples, data.fused)]))
+    allowed = np.flatnonzero([fold[s.family] != number for s in known.samples])
+    chosen = np.random.default_rng(options.seed).permutation(allowed)[:scenes or len(allowed)]
+    known = known.pick(np.isin(np.arange(len(known.samples)), chosen))
+    config = replace(TrainConfig(epochs=options.epochs, seed=options.seed), **of_training)
+    torch.manual_seed(options.seed)
+    path = options.out / f"{name.replace(' ', '_').replace(',', '')}.pt"
+    train_member(GammaNet(replace(NetConfig(), **of_net)), known, held, config, path)
+    state = torch.load(path, weights_only=True)
+    net = GammaNet(replace(NetConfig(), **of_net))
+    net.load_state_dict(state["best"])
+    return {"variant": name, "scenes": len(known.samples),
+            **watch(net.eval(), held, 1.0 if config.blind == 1 else 0.0)}
+
+
+def main() -> int:
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    add_arguments(parser)
+    parser.set_defaults(epochs=10, folds=[0])
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    load_data(options)  # casts what is not cast yet
+    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+        rows = list(pool.map(run_variant, [(options, name) for name in VARIANTS]))
+    (options.out / "ablation.json").write_text(json.dumps(rows, indent=1) + "\n")
+    for row in rows:
+        print(f"{row['variant']:32}{row['scenes']:6} scenes  MAE {row['mae']:.3f}  R2 "
+              f"{row['r2']:+.2f}  log error {row['score']:.3f}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
