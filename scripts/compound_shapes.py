@@ -1,6 +1,6 @@
 """Writes compound parts of 15 to 45 mm as a library for `stack-counter simulate`.
 
-    python scripts/compound_shapes.py OUT.npz [PARTS_PER_FAMILY]
+    python scripts/compound_shapes.py OUT.npz [PARTS_PER_FAMILY [FIRST]]
 
 A part is refused, one line each, if it is no single watertight body, is nearly a sheet or has too
 many faces.
@@ -17,7 +17,7 @@ from stack_counter.sim.compound import GENERATORS, solid
 from stack_counter.sim.shapes import SIZES_M, Shape, ShapeError, shape_from_mesh
 from stack_counter.sim.shapes.library import save_shapes
 
-_PARTS = 24  # of a family
+_PARTS = 30  # of a family
 _MOST_FACES = 1500
 _LEAST_FILL = 0.02  # of the cube of the part size
 
@@ -40,11 +40,11 @@ def checked(family: str, variant: int) -> Shape:
     return shape
 
 
-def main(out: Path, parts: int) -> None:
+def main(out: Path, parts: int = _PARTS, first: int = 0) -> None:
     """Writes the file; says what was refused and why."""
     shapes, refused = [], 0
     for family in GENERATORS:
-        for variant in range(parts):
+        for variant in range(first, first + parts):
             try:
                 shapes.append(checked(family, variant))
             except ShapeError as error:
@@ -56,4 +56,4 @@ def main(out: Path, parts: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else _PARTS)
+    main(Path(sys.argv[1]), *map(int, sys.argv[2:]))
