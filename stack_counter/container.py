@@ -19,6 +19,8 @@ from stack_counter.walls import Wall, face_points, fit_wall
 _MIN_HEIGHT = 0.006  # of a rim, m
 MIN_RIM = 0.75  # share of the outline on which a rim must be seen
 _MIN_FACE = 0.8  # share of the outline on which one face of the wall must be seen
+_SOME_RIM, _RIM_AND_FACE = 0.6, 1.6  # of a rectangle or circle: least, and sum of the two shares
+_RIM_LIKE = 1.5  # sum of the shares from which a heap may be a container that was not found
 _MIN_DROP = 0.1  # share of the outline on which the surface must fall inside the rim
 _MAX_SPREAD = 0.00045  # of the faces around their fit, without the depth's noise, m
 _NOISE_SPREAD = 0.3  # and what each metre of that adds
@@ -30,8 +32,8 @@ _UNKNOWN_WALL = (0.004, 0.01)  # thickness that is assumed where nothing shows i
 
 
 def find_container(view: TopView, views: list[View], region: Region, voxel_size: float,
-                   config: ReconstructorConfig) -> Container:
-    """The container as configured, or as found.
+                   config: ReconstructorConfig) -> tuple[Container, bool]:
+    """The container as configured, or as found; and whether that is sure.
 
     Args:
         view: the fused surface.
@@ -41,28 +43,30 @@ def find_container(view: TopView, views: list[View], region: Region, voxel_size:
         config: `container_*` settings; zeros are measured.
 
     Returns:
-        A container of kind `box`, `round`, `free` or `none`. The floor's thickness is the
-        configured one, else the wall's.
+        A container of kind `box`, `round`, `free` or `none`, the floor's thickness being the
+        configured one, else the wall's; and False if it is `none` though something rim-like
+        stands around the stack.
 
     Raises:
         ScanError: a kind is configured and no such rim is found.
     """
     if config.container_kind == "none":
-        return no_container(region)
+        return no_container(region), True
     if config.container_pose == "given":
-        return _configured(config, region)
+        return _configured(config, region), True
     rim = find_rim(rim_map(view, region, voxel_size), region.lowest, config.container_kind)
     wall = None if rim is None else _wall(rim, views, region, config)
     named = any(np.any(v.labels == CONTAINER) for v in views if v.labels is not None)
     if rim is not None and wall is not None and _is_container(rim, wall, region, named):
-        return _container(wall.form, wall.thickness, rim.height, region, config)
+        return _container(wall.form, wall.thickness, rim.height, region, config), True
     if config.container_kind != "auto":
         seen = 0.0 if rim is None else rim.share
         raise ScanError(f"no {config.container_kind} container found: a level rim on {seen:.0%} "
                         f"of its outline, a wall below it on "
                         f"{0.0 if wall is None else max(wall.outer_share, wall.inner_share):.0%}; "
                         f"expected {MIN_RIM:.0%} and {_MIN_FACE:.0%}")
-    return no_container(region)
+    return no_container(region), not (rim is not None and wall is not None and _is_rim_like(
+        rim, wall))
 
 
 def no_container(region: Region) -> Container:
@@ -99,9 +103,20 @@ def _is_container(rim: Rim, wall: Wall, region: Region, named: bool) -> bool:
     name a container; a block has nothing inside."""
     smooth = wall.spread < _MAX_SPREAD + _NOISE_SPREAD * region.noise
     steep = max(wall.outer_share, wall.inner_share) >= _MIN_FACE
-    # A free-form outline bends to many a heap; a rectangle or a circle fits to none.
-    return (rim.share >= MIN_RIM and (named or steep and (smooth or rim.form.kind != "free"))
-            and (rim.drop_share >= _MIN_DROP or wall.inner_share >= _MIN_FACE))
+    falls = rim.drop_share >= _MIN_DROP or wall.inner_share >= _MIN_FACE
+    if rim.form.kind == "free":  # such an outline bends to many a heap
+        return rim.share >= MIN_RIM and (named or steep and smooth) and falls
+    # A rectangle or a circle fits to no heap: much of a rim makes up for little of a wall.
+    face = max(wall.outer_share, wall.inner_share)
+    return (rim.share >= MIN_RIM and (named or steep) and falls
+            or rim.share >= _SOME_RIM and rim.share + face >= _RIM_AND_FACE
+            and (falls or wall.inner_share >= _SOME_RIM))
+
+
+def _is_rim_like(rim: Rim, wall: Wall) -> bool:
+    """Not enough to be a container, too much to be none."""
+    face = max(wall.outer_share, wall.inner_share)
+    return min(rim.share, face) >= 0.5 and rim.share + face >= _RIM_LIKE
 
 
 def _container(form: WallForm, wall: float, height: float, region: Region,

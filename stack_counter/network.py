@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 SHIPPED = "gamma.safetensors"
 _LEAST_PARTS = 12  # of the training piles
 _SHALLOW = 0.35  # mean height in l below which a stack is a scattering of parts
-_QUARTER = 4  # part sizes that the container should be wide
+# Part sizes that the container should be wide: training's are 4 or more; the size seen is a
+# tenth off.
+_LEAST_WIDTH = 3.5
 _LARGEST_GAMMA = 0.98
 _TENSORS = ("scores", "middle", "whiten", "reach")
 
@@ -140,7 +142,7 @@ def odd_about(maps: StackMaps, gamma: float, volume: StackVolume, unit_volume: f
         reasons.append("shallow_stack")
     if gamma * volume.stack_volume / unit_volume < _LEAST_PARTS:
         reasons.append("few_parts")
-    if min(maps.valid.shape) / PIXELS_PER_LENGTH < _QUARTER * size and \
+    if min(maps.valid.shape) / PIXELS_PER_LENGTH < _LEAST_WIDTH * size and \
             volume.container.kind not in ("none", "hull"):
         reasons.append("large_part")
     return reasons

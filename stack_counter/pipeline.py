@@ -214,8 +214,8 @@ class StackCounter:
                             "some: depth and poses disagree")
         top = TopView(mesh)
         seen = (top, self._views, region, pitch, self._config)
-        container = find_container(*seen) if self._taught is None \
-            else place_container(self._taught, *seen)
+        container, sure = find_container(*seen) if self._taught is None \
+            else (place_container(self._taught, *seen), True)
         floor_known = self._taught is not None or self._config.container_floor_m > 0
         result = measure(top, container, region, pitch, floor_known)
         reasons = []
@@ -223,6 +223,8 @@ class StackCounter:
             reasons.append("low_coverage")
         if container.kind == "none" and result.stack_volume == 0:
             reasons.append("nothing_found")
+        if not sure:
+            reasons.append("container_unsure")
         if container.kind == "none" and cut_everywhere(self._views, region):
             reasons.append("cut_by_image")
         return self._volume(result, Geometric(result.container, region),

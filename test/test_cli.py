@@ -40,7 +40,7 @@ def test_count_and_every_key_of_the_json(tmp_path, capsys):
     path, out = bag(tmp_path), tmp_path / "r.json"
     code, text, _ = run(capsys, "replay", path, *UNIT, "--direct", "--json", out, "--report",
                         tmp_path / "report", "--confidence", "0.8")
-    assert code == 0 and "(baseline)" in text and "80% sure" in text
+    assert code == 0 and "said by network" in text and "80% sure" in text
     result = json.loads(out.read_text())
     assert result.keys() >= {
         "count", "count_interval", "confidence", "gamma", "gamma_std", "volume_m3",

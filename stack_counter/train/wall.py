@@ -98,17 +98,17 @@ def load_crops(texts: list[str], cache: Path, workers: int
     return crops, target.astype(np.float32), scene
 
 
-def train(crops: np.ndarray, target: np.ndarray, seed: int = 0) -> WallNet:
+def train(crops: np.ndarray, target: np.ndarray, seed: int = 0, batch: int = _BATCH) -> WallNet:
     """One network, by the one-cycle rule; mirrored at random."""
     torch.manual_seed(seed)
     random, net = np.random.default_rng(seed), WallNet()
-    steps = max(len(crops) // _BATCH, 1)
+    steps = max(len(crops) // batch, 1)
     optimizer = torch.optim.AdamW(net.parameters(), _RATE, weight_decay=0.02)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, _RATE, _EPOCHS * steps + 1)
     net.train()
     for _ in tqdm(range(_EPOCHS), unit=" epochs"):
-        order = random.permutation(len(crops))[:steps * _BATCH]
-        for rows in order.reshape(steps, -1) if len(order) >= _BATCH else order[None]:
+        order = random.permutation(len(crops))[:steps * batch]
+        for rows in order.reshape(steps, -1) if len(order) >= batch else order[None]:
             x = torch.from_numpy(crops[rows].astype(np.float32))
             x = x.flip(3) if random.random() < 0.5 else x
             with torch.autocast("cpu", torch.bfloat16):

@@ -15,7 +15,7 @@ DEMO = Path(__file__).parents[2] / "bags" / "demo"
 def replay(tmp_path, capsys, *options):
     out = tmp_path / f"result{len(list(tmp_path.iterdir()))}.json"
     assert main(["replay", str(DEMO), "--part", "demo_nut", "--json", str(out), *options]) == 0
-    assert "(baseline)" in capsys.readouterr().out
+    assert "said by network" in capsys.readouterr().out
     return json.loads(out.read_text())
 
 
