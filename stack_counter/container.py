@@ -20,7 +20,9 @@ _MIN_HEIGHT = 0.006  # of a rim, m
 MIN_RIM = 0.75  # share of the outline on which a rim must be seen
 _MIN_FACE = 0.8  # share of the outline on which one face of the wall must be seen
 _SOME_RIM, _RIM_AND_FACE = 0.6, 1.6  # of a rectangle or circle: least, and sum of the two shares
-_RIM_LIKE = 1.5  # sum of the shares from which a heap may be a container that was not found
+# Sum of the shares from which a heap may be a container that was not found: of a rectangle or
+# circle, and of a free-form outline.
+_RIM_LIKE, _FREE_RIM_LIKE = 1.45, 1.7
 _MIN_DROP = 0.1  # share of the outline on which the surface must fall inside the rim
 _MAX_SPREAD = 0.00045  # of the faces around their fit, without the depth's noise, m
 _NOISE_SPREAD = 0.3  # and what each metre of that adds
@@ -116,7 +118,8 @@ def _is_container(rim: Rim, wall: Wall, region: Region, named: bool) -> bool:
 def _is_rim_like(rim: Rim, wall: Wall) -> bool:
     """Not enough to be a container, too much to be none."""
     face = max(wall.outer_share, wall.inner_share)
-    return min(rim.share, face) >= 0.5 and rim.share + face >= _RIM_LIKE
+    least = _FREE_RIM_LIKE if rim.form.kind == "free" else _RIM_LIKE
+    return min(rim.share, face) >= 0.5 and rim.share + face >= least
 
 
 def _container(form: WallForm, wall: float, height: float, region: Region,

@@ -1,5 +1,7 @@
 """Containers of every kind against the simulator's, filled flat: a closed form for V."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from analytic import Scene
@@ -8,7 +10,9 @@ from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.pipeline import StackCounter
+from stack_counter.sim import record
 from stack_counter.sim.containers import ContainerShape
+from stack_counter.sim.shards import find_scene
 
 DRAFT = np.deg2rad(8)
 SHAPES = {
@@ -68,3 +72,17 @@ def test_a_kind_that_is_not_there_is_named():
     with pytest.raises(ScanError, match="no round container found: a level rim on"):
         reconstruct(Scene().box([0.02, 0.01, 0.03], [0.2, 0.15, 0.06], 0.3),
                     container_kind="round")
+
+
+@pytest.mark.parametrize("index, found, reasons", [(297, "round", ()),
+                                                   (2673, "none", ("container_unsure",))])
+def test_what_is_nearly_a_container_is_one_or_is_said(index, found, reasons):
+    """A bowl whose outside no view sees; a shallow tray with half of a rim."""
+    folder = Path(__file__).parents[1] / "data" / "train-shallow"
+    scene = find_scene(f"{folder}:{index}")
+    stack = StackCounter(ReconstructorConfig())
+    stack.reset(scene.truth.unit_volume)
+    for view in record(scene, 12, color=False):
+        stack.add_view(view)
+    volume = stack.volume()
+    assert volume.container.kind == found and volume.reasons == reasons
