@@ -15,7 +15,7 @@ def case(i, factor=1.0, held=True, kind="bin"):
     true = 100 + 10 * i
     guess = Guess(0.5 * factor, round(true * factor), true - 5 if held else true + 1, true + 20,
                   0.01, ())
-    return Case(i, f"family{i % 3}", kind, true, 0.5 + i / 1e6, 0.2 + 0.1 * i, i / 10, 0.01,
+    return Case(i, f"family{i % 3}", kind, true, 0.5 + (i % 2) / 1e6, 0.2 + 0.1 * i, i / 10, 0.01,
                 {row: guess for row in ROWS})
 
 
@@ -66,10 +66,10 @@ def ideal_folder():
 
 def test_the_command_prints_and_writes(tmp_path, capsys):
     out = tmp_path / "cases.json"
-    assert main(["evaluate", "gamma", "--set", "unseen", "--scenes", "2", "--depth", "ideal",
+    assert main(["evaluate", "gamma", "--set", "unseen", "--scenes", "3", "--depth", "ideal",
                  "--json", str(out)]) == 0
     printed = capsys.readouterr().out
-    assert "gamma of 2 scenes, ideal depth" in printed and "DepthCorrected" in printed
+    assert "gamma of 3 scenes, ideal depth" in printed and "DepthCorrected" in printed
     cases = json.loads(out.read_text())
-    assert len(cases) == 2 and set(cases[0]["guesses"]) == set(ROWS)
+    assert len(cases) == 3 and set(cases[0]["guesses"]) == set(ROWS)
     assert main(["evaluate", "count", "--set", "nowhere"]) == 2
