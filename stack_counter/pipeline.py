@@ -21,6 +21,7 @@ from stack_counter.container import find_container
 from stack_counter.container_catalogue import configured_container
 from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, ViewError
+from stack_counter.leveling import leveled
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.pictures import DepthScan, depth_scan
 from stack_counter.placing import place_container
@@ -180,7 +181,7 @@ class StackCounter:
 
     def _fuse(self, view: View) -> View:
         assert self._region is not None and self._tsdf is not None  # for the type checker
-        view = crop_to_region(view, self._region)
+        view = leveled(crop_to_region(view, self._region), self._region)
         assert view.depth is not None  # for the type checker
         depth = smoothed(view.depth, self._region.noise)
         view = replace(view, depth=depth)
