@@ -12,11 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.region import Region, world_points
+from stack_counter.region import MARGIN, Region, world_points
 from stack_counter.types import View
 
 _STRIDE = 3  # pixels between the points looked at
 _REACH = 0.012  # how far from where it should be the plane is looked for, m
+_AROUND = 0.85  # of the margin that a region has around what stands in it
 _STEEPEST = 0.02  # tilt that a pose may have wrong, rad
 _FEWEST = 150  # points of the plane
 _SPREAD = 0.03  # standard deviation of their places along the shorter axis, m
@@ -32,8 +33,11 @@ def leveled(view: View, region: Region) -> View:
         region: with the plane's height.
     """
     points = world_points(view, _STRIDE).reshape(-1, 3).astype(float)
-    inside = np.all((points[:, :2] > region.low[:2]) & (points[:, :2] < region.high[:2]), axis=1)
-    points = points[inside & (np.abs(points[:, 2] - region.plane_z) < _REACH)]
+    xy = points[:, :2]
+    beyond = np.maximum(region.low[:2] - xy, xy - region.high[:2]).max(axis=1)
+    # Around what stands there alone: a bin's own floor is level too, and higher.
+    around = (beyond < 0) & (beyond > -_AROUND * MARGIN)
+    points = points[around & (np.abs(points[:, 2] - region.plane_z) < _REACH)]
     middle, plane = np.zeros(2), np.zeros(3)
     reach = _REACH
     for _ in range(_ROUNDS):

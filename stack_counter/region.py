@@ -18,7 +18,7 @@ _FEWEST = 3  # points of a cell whose mean height counts
 _STRIDE = 4  # pixels between the points looked at
 _LOWEST = 0.006  # what stands less than this above the plane is never looked at, m
 _GROWTH = 0.1  # farthest that one view can grow the region, m
-_MARGIN = 0.04  # plane kept around the blob: the container's foot and some support, m
+MARGIN = 0.04  # plane kept around the blob: the container's foot and some support, m
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def find_region(views: list[View], config: ReconstructorConfig) -> Region:
     everything = Region(points.min(axis=0), points.max(axis=0), plane_z, noise)
     if given:
         low = center - size / 2
-        low[2] = min(low[2], plane_z - _MARGIN)
+        low[2] = min(low[2], plane_z - MARGIN)
         return replace(everything, low=low, high=center + size / 2)
     blob = largest_blob(_standing(points, everything))
     if not len(blob):
@@ -123,7 +123,7 @@ def _standing(points: np.ndarray, region: Region) -> np.ndarray:
 def _around(blob: np.ndarray, region: Region) -> Region:
     """What holds these points, the support plane below them, and a margin."""
     low = np.append(blob[:, :2].min(axis=0), region.plane_z)
-    return replace(region, low=low - _MARGIN, high=blob.max(axis=0) + _MARGIN)
+    return replace(region, low=low - MARGIN, high=blob.max(axis=0) + MARGIN)
 
 
 def grow(region: Region, view: View) -> Region:

@@ -10,7 +10,7 @@ from stack_counter import geometry
 from stack_counter.leveling import leveled
 from stack_counter.region import Region
 
-REGION = Region(np.array([-0.2, -0.2, -0.02]), np.array([0.2, 0.2, 0.3]), 0.0, 0.001)
+REGION = Region(np.array([-0.1, -0.1, -0.02]), np.array([0.1, 0.1, 0.3]), 0.0, 0.001)
 
 
 def view(height=0.06, size=0.12):
@@ -42,6 +42,11 @@ def test_a_right_pose_stays():
     right = view()
     np.testing.assert_allclose(leveled(right, REGION).T_world_camera, right.T_world_camera,
                                atol=5e-4)
+
+
+def test_the_floor_of_an_empty_bin_is_not_the_support():
+    low = view(height=0.004)  # as level as the support, and much larger than what shows of it
+    np.testing.assert_allclose(leveled(low, REGION).T_world_camera, low.T_world_camera, atol=5e-4)
 
 
 @pytest.mark.parametrize("wrong", [off(view(), (0, 0), 0.02), off(view(), (3, 0), 0.0),
