@@ -15,7 +15,7 @@ import numpy as np
 
 from stack_counter.sim.compound import GENERATORS, solid
 from stack_counter.sim.shapes import SIZES_M, Shape, ShapeError, shape_from_mesh
-from stack_counter.sim.shapes.library import save_shapes
+from stack_counter.sim.shapes.library import write_library
 
 _PARTS = 30  # of a family
 _MOST_FACES = 1500
@@ -42,17 +42,7 @@ def checked(family: str, variant: int) -> Shape:
 
 def main(out: Path, parts: int = _PARTS, first: int = 0) -> None:
     """Writes the file; says what was refused and why."""
-    shapes, refused = [], 0
-    for family in GENERATORS:
-        for variant in range(first, first + parts):
-            try:
-                shapes.append(checked(family, variant))
-            except ShapeError as error:
-                refused += 1
-                print(f"refused {family} {variant}: {error}")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    save_shapes(out, shapes)
-    print(f"{len(shapes)} shapes, {refused} refused, {out.stat().st_size / 1e6:.2f} MB")
+    write_library(out, checked, GENERATORS, range(first, first + parts))
 
 
 if __name__ == "__main__":

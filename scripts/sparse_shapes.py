@@ -16,7 +16,7 @@ import trimesh
 
 from stack_counter.sim.collision import convex_pieces
 from stack_counter.sim.shapes import SIZES_M, Shape, ShapeError, shape_from_mesh
-from stack_counter.sim.shapes.library import save_shapes
+from stack_counter.sim.shapes.library import write_library
 from stack_counter.sim.sparse import GENERATORS, solid
 
 _PARTS = 8  # of a family
@@ -41,20 +41,10 @@ def checked(family: str, variant: int) -> Shape:
     return shape
 
 
-def main(out: Path, parts: int) -> None:
+def main(out: Path, parts: int = _PARTS) -> None:
     """Writes the file; says what was refused and why."""
-    shapes, refused = [], 0
-    for family in GENERATORS:
-        for variant in range(parts):
-            try:
-                shapes.append(checked(family, variant))
-            except ShapeError as error:
-                refused += 1
-                print(f"refused {family} {variant}: {error}")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    save_shapes(out, shapes)
-    print(f"{len(shapes)} shapes, {refused} refused, {out.stat().st_size / 1e6:.2f} MB")
+    write_library(out, checked, GENERATORS, range(parts))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else _PARTS)
+    main(Path(sys.argv[1]), *map(int, sys.argv[2:]))

@@ -189,7 +189,8 @@ def _replay(options: argparse.Namespace) -> int:
     unit_volume = resolve_unit_volume(part, given)
     if not options.bag.exists():
         raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
-    make_estimator(config.counter)  # or say why not
+    if options.nodes:
+        make_estimator(config.counter)  # or say why not; without nodes the replay itself does
     configured_container(config.reconstructor)  # or say why not
     if config.reconstructor.prompts:
         from stack_counter.bag.replay import check_prompts

@@ -44,13 +44,11 @@ from stack_counter.types import (
     ViewTally,
 )
 from stack_counter.volume import Measure, measure
+from stack_counter.voxel_size import COARSEST, automatic_voxel_size
 
 _FIRST_VIEWS = 3  # the region of interest is found from this many
 _MIN_SEEN = 1  # views that must have seen a surface
 _LOW_COVERAGE = 0.7
-_COARSEST, _FINEST = 0.002, 0.001  # voxels, m; the first for parts and containers of any size
-_MOST_VOXELS = 400  # along a side of the region before they become larger than that
-_PER_PART = 4  # voxels in the cube root of a part's volume
 _KEY_STRIDE = 4  # pixels between those counted to choose the key view
 
 
@@ -244,7 +242,7 @@ class StackCounter:
 
     def _from_hull(self) -> StackVolume:
         c = self._config
-        carved = hull.carve(self._views, c.voxel_size or _COARSEST, c.hull_min_share)
+        carved = hull.carve(self._views, c.voxel_size or COARSEST, c.hull_min_share)
         container = Container("hull", geometry.pose(np.eye(3), carved.middle))
         # An outline's error of one pixel moves the surface by about half a voxel.
         skin = len(carved.surface) * carved.voxel_size**3
@@ -288,20 +286,8 @@ def volume_of(scan: DepthScan, config: ReconstructorConfig, unit_volume: float =
             stack.add_view(view)
     volume = stack.volume()
     if scan.is_closed(volume, config):
-        volume = scan.carved(volume, config.voxel_size or _COARSEST)
+        volume = scan.carved(volume, config.voxel_size or COARSEST)
     return scan.in_world(replace(volume, key_view=find_key_view(scan.views, GivenLabels())))
-
-
-def automatic_voxel_size(region: Region, unit_volume: float) -> float:
-    """Side of a voxel, m: of a size that all calibrations were made for, larger in a large region,
-    smaller for parts (m3; 0: not known) that are only a few of them wide."""
-    size = max(_COARSEST, float((region.high - region.low)[:2].max()) / _MOST_VOXELS)
-    return min(size, voxel_size_for(unit_volume)) if unit_volume else size
-
-
-def voxel_size_for(unit_volume: float) -> float:
-    """Side of a voxel, m, for parts of `unit_volume` (m3) in a region of usual size."""
-    return min(_COARSEST, max(unit_volume ** (1 / 3) / _PER_PART, _FINEST))
 
 
 def smoothed(depth: np.ndarray, noise: float) -> np.ndarray:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import json
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
@@ -69,6 +71,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
 
 
+def report(options: argparse.Namespace, of: str, table: Callable[[list[Case]], str]) -> int:
+    """Measures, prints the table and writes the cases."""
+    cases = measure(options)
+    print(f"{options.set}: {of} of {len(cases)} scenes, {options.depth} depth")
+    print(table(cases))
+    if options.json:
+        options.json.write_text(json.dumps([asdict(c) for c in cases], indent=1) + "\n")
+    return 0
+
+
 def measure(options: argparse.Namespace) -> list[Case]:
     """All scenes of the set that hold parts."""
     scenes = [s for s in read_scenes(folder_of(options.set), options.scenes) if s.truth.count]
@@ -127,9 +139,9 @@ def ideal(scene: Scene) -> StackVolume:
 
 
 def groups(cases: list[Case]) -> dict[str, list[Case]]:
-    """By container kind, fill and complexity, and all."""
+    """By container kind, fill and complexity."""
     cuts = np.quantile([c.complexity for c in cases], [1 / 3, 2 / 3])
-    out = {"all": cases}
+    out = {}
     for kind in sorted({c.kind for c in cases}):
         out[kind] = [c for c in cases if c.kind == kind]
     for low, high in ((0.0, 0.25), (0.25, 0.6), (0.6, 9.0)):

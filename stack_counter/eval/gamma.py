@@ -6,25 +6,18 @@
 from __future__ import annotations
 
 import argparse
-import json
-from dataclasses import asdict
 
 import numpy as np
 
 from stack_counter.eval import metrics
-from stack_counter.eval.cases import ROWS, Case, add_arguments, groups, measure
+from stack_counter.eval.cases import ROWS, Case, add_arguments, groups, report
 
 __all__ = ["add_arguments", "run", "table"]
 
 
 def run(options: argparse.Namespace) -> int:
     """Prints and writes the figures."""
-    cases = measure(options)
-    print(f"{options.set}: gamma of {len(cases)} scenes, {options.depth} depth")
-    print(table(cases))
-    if options.json:
-        options.json.write_text(json.dumps([asdict(c) for c in cases], indent=1) + "\n")
-    return 0
+    return report(options, "gamma", table)
 
 
 def table(cases: list[Case]) -> str:

@@ -24,6 +24,9 @@ _SLOPE = 0.7  # by which collision walls grow outwards below the rim: thin walls
 
 class ContainerError(StackCounterError):
     """A container of no use: an unknown kind, or sizes that leave no room inside."""
+# What a reconstruction makes of a kind: one of `types.CONTAINER_KINDS`.
+FOUND_AS = {"bin": "box", "tray": "box", "cylinder": "round", "bowl": "round", "cup": "round",
+            "bag": "free", "none": "none"}
 
 
 @dataclass(frozen=True)

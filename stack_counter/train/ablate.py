@@ -52,7 +52,7 @@ def run_variant(job: tuple[argparse.Namespace, str]) -> dict:
     of_net, of_training, scenes, without = VARIANTS[name]
     kept = [text for text in map(str, options.data) if not without or without not in text]
     # Of the fused scans only those left out are used: to look at what was learnt.
-    data = load_data(argparse.Namespace(**{**vars(options), "data": list(map(str, options.data))}))
+    data = load_data(options)
     known = load_data(argparse.Namespace(**{**vars(options), "data": kept, "scans": None}))
     fold, number = fold_of(data.families), options.folds[0]
     held = data.pick(np.array([fold[s.family] == number and fused for s, fused in
@@ -84,7 +84,7 @@ def main() -> int:
     (options.out / "ablation.json").write_text(json.dumps(rows, indent=1) + "\n")
     for row in rows:
         print(f"{row['variant']:32}{row['scenes']:6} scenes  MAE {row['mae']:.3f}  R2 "
-              f"{row['r2']:+.2f}  log error {row['score']:.3f}")
+              f"{row['r2']:+.2f}  bias {row['bias']:+.3f}  log error {row['score']:.3f}")
     return 0
 
 

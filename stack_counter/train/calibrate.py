@@ -34,12 +34,11 @@ _SOFT = 1e-2  # added to the covariance of the features
 
 @dataclass(frozen=True)
 class Residual:
-    """One scan, counted by a member that had not seen its family: log of true over estimated
-    gamma and count, and the relative standard deviation of the latter."""
+    """One scan, counted by a member that had not seen its family: gamma, log of true over
+    estimated count, and the latter's relative standard deviation."""
 
     scan: Scan
     gamma: float
-    log_gamma: float
     log_count: float
     spread: float
 
@@ -53,9 +52,8 @@ def residuals(members: dict[int, nn.Module], scans: list[Scan], fold: dict[str, 
         if net is None or not scan.volume > 0 or not scan.sample.maps.height.any():
             continue
         log_gamma, spread, _ = predict([net], scan.sample.maps)
-        miss = float(np.log(scan.sample.gamma) - log_gamma)
-        miss_volume = float(np.log(scan.true_volume / scan.volume))
-        out.append(Residual(scan, float(np.exp(log_gamma)), miss, miss + miss_volume,
+        miss = np.log(scan.sample.gamma) - log_gamma + np.log(scan.true_volume / scan.volume)
+        out.append(Residual(scan, float(np.exp(log_gamma)), float(miss),
                             float(np.hypot(spread, scan.volume_std / scan.volume))))
     return out
 

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from stack_counter.gamma_input import PIXELS_PER_LENGTH, StackMaps, describe, make_maps
-from stack_counter.pipeline import voxel_size_for
+from stack_counter.gamma_input import PIXELS_PER_LENGTH, StackMaps, describe
 from stack_counter.train.heights import Sample
+from stack_counter.voxel_size import voxel_size_for
 
 BLUR = (0.4, 0.65)  # standard deviation of fusion, voxels
 RESAMPLING = (0.2, 0.55)  # and of bringing the map to the network's pixels, pixels
@@ -40,8 +39,9 @@ def degraded(of: Sample, random: np.random.Generator) -> StackMaps:
                              max(sigma, 0.5))
     top += random.uniform(*NOISE_M) / length * noise / max(float(noise.std()), 1e-6)
     inner = inner + random.normal(0, FLOOR_M) / length
-    walled = bool((maps.wall[maps.valid] < maps.wall.max()).any())
-    return replace(make_maps(top, inner, maps.valid, walled), wall=maps.wall)
+    height = np.where(maps.valid, np.maximum(top - inner, 0), 0).astype(np.float32)
+    return StackMaps(np.where(maps.valid, top, 0).astype(np.float32), height, maps.valid,
+                     maps.wall)
 
 
 def main() -> int:

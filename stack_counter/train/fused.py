@@ -12,13 +12,11 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.gamma_input import stack_maps
 from stack_counter.pipeline import StackCounter
-from stack_counter.sim import Scene, record
+from stack_counter.sim import FOUND_AS, Scene, record
 from stack_counter.train.heights import Sample, form_of, read_samples
 from stack_counter.types import StackVolume
 
 _VIEWS = 12
-_FOUND = {"bin": "box", "tray": "box", "cylinder": "round", "bowl": "round", "cup": "round",
-          "bag": "free", "none": "none"}  # what the reconstruction makes of a kind
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ def scan(scene: Scene) -> Scan | None:
     of = Sample(maps, truth.gamma, form_of(scene), truth.unit_volume ** (1 / 3), name,
                 scene.shape.family, scene.container.kind, truth.count, truth.fill)
     return Scan(of, truth.stack_volume, volume.stack_volume, volume.stack_volume_std,
-                volume.container.kind == _FOUND[scene.container.kind])
+                volume.container.kind == FOUND_AS[scene.container.kind])
 
 
 def read_scans(folder: Path) -> list[Scan]:

@@ -103,15 +103,14 @@ def _shifted(around: np.ndarray, dy: int, dx: int, shape: tuple[int, ...]) -> np
     return around[rows[:, None], cols[None]]
 
 
-def sample(scene: Scene, ideal: bool = False) -> Sample:
-    """A scene as an arc of views sees it; `ideal`: as rays straight down do."""
+def sample(scene: Scene) -> Sample:
+    """A scene as an arc of views sees it."""
     top, inner, valid = cast(scene)
     length = scene.truth.unit_volume ** (1 / 3)
-    if not ideal:
-        random = np.random.default_rng([scene.seed, scene.index, 0x5EE])
-        seen = seen_by_arc(top, valid, scene.container.rim_m / length, random)
-        if seen.any():
-            top = np.where(valid, filled(np.where(seen, top, np.nan), seen), 0).astype(np.float32)
+    random = np.random.default_rng([scene.seed, scene.index, 0x5EE])
+    seen = seen_by_arc(top, valid, scene.container.rim_m / length, random)
+    if seen.any():
+        top = np.where(valid, filled(np.where(seen, top, np.nan), seen), 0).astype(np.float32)
     maps = make_maps(top, inner, valid, walled=scene.container.kind != "none")
     return Sample(maps, scene.truth.gamma, form_of(scene), length, f"{scene.seed}:{scene.index}",
                   scene.shape.family, scene.container.kind, scene.truth.count, scene.truth.fill)

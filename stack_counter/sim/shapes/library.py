@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,22 @@ def save_shapes(path: str | Path, shapes: list[Shape], **more: np.ndarray) -> No
         face_offsets=np.cumsum([0] + [len(s.faces) for s in shapes], dtype=np.int64),
         vertices=np.concatenate([s.vertices for s in shapes]).astype(np.float32),
         faces=np.concatenate([s.faces for s in shapes]).astype(np.int32))
+
+
+def write_library(out: Path, checked: Callable[[str, int], Shape], families: Iterable[str],
+                  variants: range) -> None:
+    """Writes all parts that `checked` makes of a family and a variant; says which it refuses."""
+    shapes, refused = [], 0
+    for family in families:
+        for variant in variants:
+            try:
+                shapes.append(checked(family, variant))
+            except ShapeError as error:
+                refused += 1
+                print(f"refused {family} {variant}: {error}")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    save_shapes(out, shapes)
+    print(f"{len(shapes)} shapes, {refused} refused, {out.stat().st_size / 1e6:.2f} MB")
 
 
 def load_shapes(path: str | Path) -> list[Shape]:
