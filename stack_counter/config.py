@@ -106,7 +106,7 @@ class CounterConfig:
     part: str = _setting("", "name of the part in config/parts.yaml")
     unit_volume_m3: float = _setting(0.0, "volume of one part, m3; 0: the part's", 0.0)
     estimator: str = _setting("network", "what says gamma", choices=(
-        "network", "depth_corrected", "depth_extrapolated", "prior"))
+        "network", "depth_corrected", "depth_extrapolated", "prior", "direct"))
     weights: str = _setting("", "safetensors file of the estimator; empty: the shipped one")
     encoder_weights: str = _setting("", "folder with your own DINOv2 weights, for estimator "
                                         "weights that were trained upon it; empty: none")

@@ -95,9 +95,16 @@ def _wall(rim: Rim, views: list[View], region: Region, config: ReconstructorConf
     elif np.isfinite(rim.width):
         known = (rim.width, _RIM_ERROR)
     else:
-        known = _UNKNOWN_WALL
+        known = _guessed_wall(rim, views, region)
     points = face_points(views, region, rim.form, rim.height)
     return fit_wall(rim.form, points, rim.height, *known, noise=region.noise)
+
+
+def _guessed_wall(rim: Rim, views: list[View], region: Region) -> tuple[float, float]:
+    """Thickness and its standard deviation, metres, where parts hide the rim's inner edge."""
+    from stack_counter.wall_net import estimate_wall  # brings in torch, which takes seconds
+
+    return estimate_wall(views, rim.form, rim.height, region.plane_z) or _UNKNOWN_WALL
 
 
 def _is_container(rim: Rim, wall: Wall, region: Region, named: bool) -> bool:

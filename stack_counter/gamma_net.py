@@ -31,12 +31,14 @@ _DOWN = 16  # of the feature map
 @dataclass(frozen=True)
 class NetConfig:
     """Widths of the stages, at strides 2, 4, 8 and 16, residual blocks of each, width of the head,
-    and whether features are averaged by height (else every place counts alike)."""
+    whether features are averaged by height (else every place counts alike), and at how many
+    scales, each half as fine, the tile is read."""
 
     widths: tuple[int, ...] = (32, 64, 96, 128)
     blocks: tuple[int, ...] = (1, 2, 2, 2)
     hidden: int = 128
     by_height: bool = True
+    scales: int = 1
 
 
 class Block(nn.Module):
@@ -67,23 +69,31 @@ class GammaNet(nn.Module):
             width_in = width
         self.encoder = nn.Sequential(*layers)
         self.head = nn.Sequential(
-            nn.Linear(2 * width_in + _SCALARS, config.hidden), nn.ReLU(), nn.Dropout(0.2),
-            nn.Linear(config.hidden, 2 + FORM))
+            nn.Linear(2 * width_in * config.scales + _SCALARS, config.hidden), nn.ReLU(),
+            nn.Dropout(0.2), nn.Linear(config.hidden, 2 + FORM))
 
     def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """(b, CHANNELS, h, w) float32 of `channels` -> log gamma (b,), log of the scale of its
         error (b,), form (b, FORM)."""
         height = torch.expm1(2 * x[:, 3:4])  # (b, 1, h, w), l
-        features = self.encoder(x).float()  # (b, c, h / 16, w / 16)
-        weight = functional.avg_pool2d(height * self.config.by_height + 0.02 * x[:, 1:2], _DOWN)
-        weight = weight / weight.sum((2, 3), keepdim=True).clamp_min(1e-6)
-        mean = (features * weight).sum((2, 3))  # (b, c)
-        spread = ((features - mean[:, :, None, None]) ** 2 * weight).sum((2, 3))
+        pooled = [self._pooled(x if i == 0 else functional.avg_pool2d(x, 2**i))
+                  for i in range(self.config.scales)]
         valid = x[:, 1].mean((1, 2)).clamp_min(1e-4)
         scalars = torch.stack([torch.log(height.mean((1, 2, 3)) / valid + 0.05),
                                torch.log(valid), x[:, 2].mean((1, 2)) / valid], 1)
-        out = self.head(torch.cat([mean, torch.sqrt(spread + 1e-4), scalars], 1)).float()
+        out = self.head(torch.cat([*pooled, scalars], 1)).float()
         return out[:, 0] - 0.7, out[:, 1].clamp(-2, 2) - 2, out[:, 2:]
+
+    def _pooled(self, x: torch.Tensor) -> torch.Tensor:
+        """(b, CHANNELS, h, w) -> (b, 2 c): mean and deviation of the features."""
+        height = torch.expm1(2 * x[:, 3:4])
+        features = self.encoder(x).float()  # (b, c, h / 16, w / 16)
+        weight = functional.avg_pool2d(height * self.config.by_height + 0.02 * x[:, 1:2], _DOWN)
+        weight = functional.adaptive_avg_pool2d(weight, features.shape[2:])
+        weight = weight / weight.sum((2, 3), keepdim=True).clamp_min(1e-6)
+        mean = (features * weight).sum((2, 3))
+        spread = ((features - mean[:, :, None, None]) ** 2 * weight).sum((2, 3))
+        return torch.cat([mean, torch.sqrt(spread + 1e-4)], 1)
 
     def loss(self, x: torch.Tensor, y: torch.Tensor, likelihood: bool = True,
              form_weight: float = 0.1) -> torch.Tensor:
@@ -177,7 +187,8 @@ def _member(config: dict, encoder_folder: Path | None, tensors: dict[str, torch.
     net: nn.Module
     if config["encoder"] == "own":
         net = GammaNet(NetConfig(tuple(config["widths"]), tuple(config["blocks"]),
-                                 config["hidden"], config.get("by_height", True)))
+                                 config["hidden"], config.get("by_height", True),
+                                 config.get("scales", 1)))
     else:
         net = make_net(config["encoder"], encoder_folder)
     prefix = f"{number}."

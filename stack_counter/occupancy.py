@@ -150,7 +150,11 @@ def make_estimator(config: CounterConfig) -> OccupancyEstimator:
         from stack_counter.network import Network  # brings in torch, which takes seconds
 
         return Network(weights, Prior(Baselines()), encoder, depth)
+    if config.estimator == "direct":
+        from stack_counter.direct import DirectCount
+
+        return DirectCount(weights, Prior(Baselines()))
     if config.estimator not in kinds:
         raise ConfigError(f"unknown estimator '{config.estimator}'; expected one of "
-                          f"{sorted([*kinds, 'network'])}")
+                          f"{sorted([*kinds, 'direct', 'network'])}")
     return kinds[config.estimator](Baselines(weights))

@@ -18,6 +18,7 @@ from tqdm import tqdm
 from stack_counter.config import CounterConfig
 from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, ViewError
+from stack_counter.eval.plot import plot_complexity
 from stack_counter.eval.sets import folder_of
 from stack_counter.gamma_input import PIXELS_PER_LENGTH
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
@@ -26,7 +27,7 @@ from stack_counter.train import cast, reconstruct
 from stack_counter.types import Container, HeightMap, StackVolume, ViewTally
 
 ROWS = {"Mean": "prior", "DepthExtrapolated": "depth_extrapolated",
-        "DepthCorrected": "depth_corrected", "ours": "network"}
+        "DepthCorrected": "depth_corrected", "direct count": "direct", "ours": "network"}
 _SEED = 0
 
 
@@ -69,6 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--weights", type=Path, metavar="PATH", help="of the network")
     parser.add_argument("--workers", type=int, default=1, metavar="W")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
+    parser.add_argument("--plot", type=Path, metavar="PNG",
+                        help="draw gamma's error over the parts' complexity here")
 
 
 def report(options: argparse.Namespace, of: str, table: Callable[[list[Case]], str]) -> int:
@@ -78,6 +81,8 @@ def report(options: argparse.Namespace, of: str, table: Callable[[list[Case]], s
     print(table(cases))
     if options.json:
         options.json.write_text(json.dumps([asdict(c) for c in cases], indent=1) + "\n")
+    if options.plot:
+        plot_complexity(cases, f"{options.set}, {options.depth} depth", options.plot)
     return 0
 
 

@@ -1,5 +1,5 @@
-"""What each part of the network and of its training brings: 2,000 scenes, 10 epochs, one fold of
-families left out, whose truly fused scans are looked at.
+"""What each part of the network and of its training brings: 2,000 scenes, 10 epochs, families
+left out fold by fold, whose truly fused scans are looked at.
 
     python -m stack_counter.train.ablate --data data/train-deep:2 ... --scans SCANS --out DIR
 """
@@ -36,6 +36,7 @@ VARIANTS: dict[str, tuple[dict, dict, int, str]] = {
     "no form beside gamma": ({}, {"form_weight": 0.0}, _SCENES, ""),
     "no wall, no floor": ({}, {"blind": 1.0}, _SCENES, ""),
     "every place counts alike": ({"by_height": False}, {}, _SCENES, ""),
+    "two scales": ({"scales": 2}, {}, _SCENES, ""),
     "half as wide": ({"widths": (16, 32, 48, 64)}, {}, _SCENES, ""),
     "surfaces as cast, not degraded": ({}, {"degrade": False}, _SCENES, ""),
     "no compound parts": ({}, {}, _SCENES, "compound"),
@@ -44,9 +45,9 @@ VARIANTS: dict[str, tuple[dict, dict, int, str]] = {
 }
 
 
-def run_variant(job: tuple[argparse.Namespace, str]) -> dict:
-    """Trains one variant and looks at it."""
-    options, name = job
+def run_variant(job: tuple[argparse.Namespace, str, int]) -> dict:
+    """Trains one variant without the families of one fold and looks at them."""
+    options, name, number = job
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     of_net, of_training, scenes, without = VARIANTS[name]
@@ -54,7 +55,7 @@ def run_variant(job: tuple[argparse.Namespace, str]) -> dict:
     # Of the fused scans only those left out are used: to look at what was learnt.
     data = load_data(options)
     known = load_data(argparse.Namespace(**{**vars(options), "data": kept, "scans": None}))
-    fold, number = fold_of(data.families), options.folds[0]
+    fold = fold_of(data.families)
     held = data.pick(np.array([fold[s.family] == number and fused for s, fused in
                                zip(data.samples, data.fused)]))
     allowed = np.flatnonzero([fold[s.family] != number for s in known.samples])
@@ -62,29 +63,35 @@ def run_variant(job: tuple[argparse.Namespace, str]) -> dict:
     known = known.pick(np.isin(np.arange(len(known.samples)), chosen))
     config = replace(TrainConfig(epochs=options.epochs, seed=options.seed), **of_training)
     torch.manual_seed(options.seed)
-    path = options.out / f"{name.replace(' ', '_').replace(',', '')}.pt"
+    path = options.out / f"{name.replace(' ', '_').replace(',', '')}_{number}.pt"
     train_member(GammaNet(replace(NetConfig(), **of_net)), known, held, config, path)
     state = torch.load(path, weights_only=True)
     net = GammaNet(replace(NetConfig(), **of_net))
     net.load_state_dict(state["best"])
-    return {"variant": name, "scenes": len(known.samples),
+    return {"variant": name, "fold": number, "scenes": len(known.samples),
             **watch(net.eval(), held, 1.0 if config.blind == 1 else 0.0)}
 
 
 def main() -> int:
-    """Prints the table."""
+    """Prints the table, of each variant the mean over the folds."""
     parser = argparse.ArgumentParser(description=__doc__)
     add_arguments(parser)
-    parser.set_defaults(epochs=10, folds=[0])
+    parser.add_argument("--variants", nargs="+", default=list(VARIANTS), choices=list(VARIANTS),
+                        metavar="NAME")
+    parser.set_defaults(epochs=10)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     load_data(options)  # casts what is not cast yet
+    jobs = [(options, name, number) for name in options.variants for number in options.folds]
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        rows = list(pool.map(run_variant, [(options, name) for name in VARIANTS]))
+        rows = list(pool.map(run_variant, jobs))
     (options.out / "ablation.json").write_text(json.dumps(rows, indent=1) + "\n")
-    for row in rows:
-        print(f"{row['variant']:32}{row['scenes']:6} scenes  MAE {row['mae']:.3f}  R2 "
-              f"{row['r2']:+.2f}  bias {row['bias']:+.3f}  log error {row['score']:.3f}")
+    for name in options.variants:
+        of = [row for row in rows if row["variant"] == name]
+        mae, r2, bias, score = (np.mean([row[key] for row in of])
+                                for key in ("mae", "r2", "bias", "score"))
+        print(f"{name:32}{of[0]['scenes']:6} scenes  MAE {mae:.3f}  R2 {r2:+.2f}  "
+              f"bias {bias:+.3f}  log error {score:.3f}")
     return 0
 
 

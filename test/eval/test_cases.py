@@ -8,6 +8,7 @@ import pytest
 from stack_counter.cli import main
 from stack_counter.eval import count, gamma
 from stack_counter.eval.cases import ROWS, Case, Guess, groups, ideal
+from stack_counter.eval.plot import plot_complexity
 from stack_counter.sim import read_scenes
 
 
@@ -46,6 +47,11 @@ def test_groups_hold_every_scene_once_by_kind_fill_and_complexity():
     assert sum(len(of[k]) for k in ("bin", "none")) == 9
     assert sum(len(g) for k, g in of.items() if k.startswith("fill")) == 9
     assert sum(len(of[k]) for k in ("simple", "middling", "complex")) == 9
+
+
+def test_complexity_is_plotted(tmp_path):
+    plot_complexity([case(i) for i in range(9)], "t", tmp_path / "c.png")
+    assert (tmp_path / "c.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_the_ideal_volume_is_the_truth():
