@@ -95,6 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     kinds = measures.add_subparsers(required=True, metavar="KIND")
     for kind, what in (("gamma", "of gamma, beside the baselines"),
                        ("count", "of the whole count and its interval"),
+                       ("live", "of the running count while parts are taken out"),
                        ("volume", "of V and the container"),
                        ("labels", "of the labels that segmenters give"),
                        ("images", "of V from pictures and labels, without depth"),

@@ -50,8 +50,8 @@ class CollectorConfig:
     min_motion_m: float = _setting(0.005, "a moving camera must move this far for another view, "
                                           "m", 0.0, 1.0)
     min_motion_rad: float = _setting(0.02, "or turn this far, rad", 0.0, math.pi)
-    min_change: float = _setting(2.0, "mean grey-level change for another view of a fixed camera",
-                                 0.0, 255.0)
+    min_change: float = _setting(4.0, "grey-level change of some place, a thirtieth of the image "
+                                      "wide, for another view of a fixed camera", 0.0, 255.0)
     min_sharpness: float = _setting(2.0, "variance of the Laplacian below which an image is "
                                          "blurred, grey levels squared", 0.0, 10000.0)
 

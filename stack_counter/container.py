@@ -23,6 +23,9 @@ _SOME_RIM, _RIM_AND_FACE = 0.6, 1.6  # of a rectangle or circle: least, and sum 
 # Sum of the shares from which a heap may be a container that was not found: of a rectangle or
 # circle, and of a free-form outline.
 _RIM_LIKE, _FREE_RIM_LIKE = 1.45, 1.7
+# The same where all views come from one side, which shows no outer face.
+_ONE_SIDE_RIM, _ONE_SIDE_FACE = 0.45, 0.4
+_ONE_SIDE = 0.35  # rad, between the directions to all cameras
 _MIN_DROP = 0.1  # share of the outline on which the surface must fall inside the rim
 _MAX_SPREAD = 0.00045  # of the faces around their fit, without the depth's noise, m
 _NOISE_SPREAD = 0.3  # and what each metre of that adds
@@ -30,6 +33,9 @@ _PITCH = 0.001  # of the map in which the rim is looked for, m
 _MOST_CELLS = 400  # along a side of that map
 _LEVELS = 17  # outlines of a wall, from the support plane to the rim
 _RIM_ERROR = 0.001  # standard deviation of a wall's thickness measured on its rim, m
+# One camera above loses depth on both edges of the rim: what its width lacks, m and per metre of
+# the depth's noise, and how well that is known; as measured on training scenes.
+_LOST_WIDTH, _LOST_BY_NOISE, _LOST_ERROR = 0.0012, 0.95, 0.4
 _UNKNOWN_WALL = (0.004, 0.01)  # thickness that is assumed where nothing shows it, and its error
 
 
@@ -59,7 +65,9 @@ def find_container(view: TopView, views: list[View], region: Region, voxel_size:
     rim = find_rim(rim_map(view, region, voxel_size), region.lowest, config.container_kind)
     wall = None if rim is None else _wall(rim, views, region, config)
     named = any(np.any(v.labels == CONTAINER) for v in views if v.labels is not None)
-    if rim is not None and wall is not None and _is_container(rim, wall, region, named):
+    if rim is not None and wall is not None and (
+            _is_container(rim, wall, region, named)
+            or from_one_side(views, region) and _is_container_from_above(rim, wall)):
         return _container(wall.form, wall.thickness, rim.height, region, config), True
     if config.container_kind != "auto":
         seen = 0.0 if rim is None else rim.share
@@ -92,6 +100,9 @@ def _wall(rim: Rim, views: list[View], region: Region, config: ReconstructorConf
         return None
     if config.container_wall_m > 0:
         known = (config.container_wall_m, 1e-6)
+    elif np.isfinite(rim.width) and from_one_side(views, region):
+        lost = _LOST_WIDTH + _LOST_BY_NOISE * region.noise
+        known = (rim.width + lost, _LOST_ERROR * lost)
     elif np.isfinite(rim.width):
         known = (rim.width, _RIM_ERROR)
     else:
@@ -120,6 +131,19 @@ def _is_container(rim: Rim, wall: Wall, region: Region, named: bool) -> bool:
     return (rim.share >= MIN_RIM and (named or steep) and falls
             or rim.share >= _SOME_RIM and rim.share + face >= _RIM_AND_FACE
             and (falls or wall.inner_share >= _SOME_RIM))
+
+
+def _is_container_from_above(rim: Rim, wall: Wall) -> bool:
+    """What one camera above sees of a container is its rim and some of the wall's inner face."""
+    return rim.form.kind != "free" and rim.share >= _ONE_SIDE_RIM \
+        and wall.inner_share >= _ONE_SIDE_FACE
+
+
+def from_one_side(views: list[View], region: Region) -> bool:
+    """Whether the directions from the region's middle to all cameras are nearly the same."""
+    away = np.array([v.T_world_camera[:3, 3] for v in views]) - (region.low + region.high) / 2
+    away /= np.linalg.norm(away, axis=1)[:, None]
+    return bool(np.arccos(np.clip(away @ away[0], -1, 1)).max() < _ONE_SIDE)
 
 
 def _is_rim_like(rim: Rim, wall: Wall) -> bool:

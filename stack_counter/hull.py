@@ -42,13 +42,14 @@ class _Outline:
     known: np.ndarray
 
 
-def carve(views: list[View], voxel_size: float, min_share: float) -> Hull:
+def carve(views: list[View], voxel_size: float, min_share: float, votes: int = 1) -> Hull:
     """Carves from coarse to fine; only voxels that the outline cuts are divided.
 
     Args:
         views: pinhole views with labels; anything but background is kept.
         voxel_size: largest side of the final voxels, metres.
         min_share: share of the views that must have a voxel in their image for it to stand.
+        votes: so many views must see a voxel outside their outline to carve it.
 
     Raises:
         ScanError: the views share no space, or nothing is left after carving.
@@ -61,7 +62,8 @@ def carve(views: list[View], voxel_size: float, min_share: float) -> Hull:
     volume, moment = 0.0, np.zeros(3)
     while True:
         last = side <= voxel_size
-        stands, full = _standing(voxels, outlines, side * np.sqrt(3) / 2, min_share, last)
+        stands, full = _standing(voxels, outlines, side * np.sqrt(3) / 2, min_share, votes,
+                                last)
         counted = stands if last else full
         volume += np.count_nonzero(counted) * side**3
         moment += voxels[counted].sum(axis=0) * side**3
@@ -116,12 +118,13 @@ def _common_space(views: list[View]) -> tuple[np.ndarray, float]:
 
 
 def _standing(voxels: np.ndarray, outlines: list[_Outline], radius: float, min_share: float,
-              last: bool) -> tuple[np.ndarray, np.ndarray]:
+              votes: int, last: bool) -> tuple[np.ndarray, np.ndarray]:
     """(n,) bool each: not carved, and wholly inside all outlines.
 
-    A voxel is carved by a view that sees all of it (in the last round: its centre) outside the
-    outline, or if too few views see it. `radius` is that of the ball around it, metres.
+    A voxel is carved by `votes` views that see all of it (in the last round: its centre) outside
+    the outline, or if too few views see it. `radius` is that of the ball around it, metres.
     """
+    against = np.zeros(len(voxels), np.int32)
     stands = np.ones(len(voxels), bool)
     full = np.ones(len(voxels), bool)
     seen_by = np.zeros(len(voxels), np.int32)
@@ -139,7 +142,8 @@ def _standing(voxels: np.ndarray, outlines: list[_Outline], radius: float, min_s
         seen_by[alive] += 1
         distance = outline.distance[y, x].astype(np.float32)
         reach = (radius * k.fx / z[seen]).astype(np.float32)
-        stands[alive[distance > (0 if last else reach)]] = False
+        against[alive[distance > (0 if last else reach)]] += 1
+        stands = against < votes
         full[alive[distance > -reach]] = False
     stands &= seen_by >= min_share * len(outlines)
     return stands, stands & full

@@ -15,6 +15,7 @@ from stack_counter.types import Intrinsics, View
 
 QUEUE = 30  # messages of one kind that are kept
 _THUMBNAIL = (160, 120)  # pixels; the size images are compared at: shows parts, hides noise
+_PATCH = (5, 5)  # of them, over which a change is averaged: one part taken away is one
 
 
 class ImageStream:
@@ -126,15 +127,16 @@ class ViewGate:
                                        f"least {self._config.min_sharpness}")
         small = cv2.resize(grey, _THUMBNAIL, interpolation=cv2.INTER_AREA).astype(np.float32)
         if self._last and view.fixed:
-            self._check_change(float(np.abs(small - self._last[1]).mean()))
+            patches = cv2.blur(np.abs(small - self._last[1]), _PATCH)
+            self._check_change(float(patches.max()))
         elif self._last:
             self._check_motion(*pose_change(self._last[0], view.T_world_camera))
         self._last = (view.T_world_camera, small)
 
     def _check_change(self, change: float) -> None:
         if change < self._config.min_change:
-            raise ViewError("duplicate", f"mean grey-level change {change:.2f} of a fixed camera; "
-                                         f"expected at least {self._config.min_change}")
+            raise ViewError("duplicate", f"largest grey-level change {change:.2f} of a fixed "
+                                         f"camera; expected at least {self._config.min_change}")
 
     def _check_motion(self, metres: float, radians: float) -> None:
         c = self._config

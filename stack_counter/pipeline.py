@@ -17,7 +17,7 @@ import numpy as np
 from stack_counter import geometry, hull
 from stack_counter.coloring import color_mesh
 from stack_counter.config import ReconstructorConfig
-from stack_counter.container import find_container
+from stack_counter.container import find_container, from_one_side
 from stack_counter.container_catalogue import configured_container
 from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, ViewError
@@ -49,6 +49,9 @@ from stack_counter.voxel_size import COARSEST, automatic_voxel_size
 _FIRST_VIEWS = 3  # the region of interest is found from this many
 _MIN_SEEN = 1  # views that must have seen a surface
 _LOW_COVERAGE = 0.7
+_LIVE_VIEWS = 24  # that the continuous mode remembers, of a fixed camera the first number here:
+_LIVE_FIXED = 2
+_CHANGED = 3.0  # standard deviations beyond which a view shows that something has changed
 _KEY_STRIDE = 4  # pixels between those counted to choose the key view
 
 
@@ -70,10 +73,11 @@ class StackCounter:
         self._labels.reset()
         self._segmenter: Segmenter = GivenLabels()  # of the last volume
         self._tsdf: Tsdf | None = None  # once it is known where the stack is
+        self._surface: TopView | None = None  # of the last volume
         self._region: Region | None = None
         self._rivals: str | None = None  # containers, where more than one is in sight
         self._views: list[View] = []  # used so far; once the region is known, cropped to it
-        self._received = 0
+        self._received = self._used = 0
         self._skipped: Counter[str] = Counter()
         self._seconds: dict[str, float] = defaultdict(float)
         self.coverage = 0.0  # of the footprint, as of the last volume
@@ -81,7 +85,7 @@ class StackCounter:
     @property
     def tally(self) -> ViewTally:
         """Views received, used and skipped by reason."""
-        return ViewTally(self._received, len(self._views), dict(self._skipped))
+        return ViewTally(self._received, self._used, dict(self._skipped))
 
     def add_view(self, view: View) -> None:
         """Fuses one view, or keeps it until the first few say where the stack is.
@@ -133,7 +137,7 @@ class StackCounter:
         return count_stack(self.volume(), unit_volume, estimator, confidence)
 
     def _checked(self, view: View) -> View:
-        if len(self._views) >= self._config.max_views:
+        if not self._config.live and len(self._views) >= self._config.max_views:
             raise ViewError("too_many_views", f"{len(self._views)} views already; expected at "
                                               f"most {self._config.max_views}")
         view = geometry.rectify(view)
@@ -157,9 +161,20 @@ class StackCounter:
             self._region = grow(self._region, view)
             view = self._fuse(view)
         self._views.append(view)
+        self._used += 1
+        if self._config.live:
+            self._forget_views(view)
         if view.depth is not None and self._region is None \
                 and len(self._views) >= min(_FIRST_VIEWS, self._min_views):
             self._find_region()
+
+    def _forget_views(self, newest: View) -> None:
+        """The continuous mode never ends: old views, which show what is no longer there, go."""
+        same = [v for v in self._views if v.fixed and v.camera == newest.camera]
+        if newest.fixed:
+            self._views = [v for v in self._views if not any(v is old for old in
+                                                             same[:-_LIVE_FIXED])]
+        del self._views[:-_LIVE_VIEWS]
 
     def _find_region(self) -> None:
         try:
@@ -176,6 +191,7 @@ class StackCounter:
                 self._views.append(self._fuse(view))
             except ViewError as error:
                 self._skipped[error.reason] += 1
+                self._used -= 1
 
     def _fuse(self, view: View) -> View:
         assert self._region is not None and self._tsdf is not None  # for the type checker
@@ -185,8 +201,21 @@ class StackCounter:
         view = replace(view, depth=depth)
         surface = self._region.holds(world_points(view))
         seen = self._with_background(view)
+        if self._config.live and self._surface is not None:
+            self._tsdf.forget(self._changed(view, self._surface), seen, view.intrinsics,
+                              view.T_world_camera)
         self._tsdf.integrate(seen, surface, view.intrinsics, view.T_world_camera)
         return view
+
+    def _changed(self, view: View, surface: TopView) -> np.ndarray:
+        """(h, w) bool: pixels whose depth is not that of the last volume, noise apart."""
+        assert view.depth is not None and self._region is not None  # for the type checker
+        expected = surface.depth(view.intrinsics, view.T_world_camera)
+        off = np.abs(view.depth - expected) > _CHANGED * self._region.noise
+        changed = off & (view.depth > 0) & (expected > 0)
+        # A lone pixel beside an edge has not changed: its ray ends now on one side, now beyond.
+        return cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_OPEN,
+                                np.ones((3, 3), np.uint8)) > 0
 
     def _with_background(self, view: View) -> np.ndarray:
         """Depth in which pixels labelled background are far away where there is none: a ray that
@@ -203,7 +232,8 @@ class StackCounter:
             self._find_region()
         assert self._region is not None and self._tsdf is not None  # for the type checker
         region, pitch = self._region, self._tsdf.voxel_size
-        check_agreement(self._views, region.noise)
+        if not self._config.live:  # there, what views show changes
+            check_agreement(self._views, region.noise)
         if self._rivals:
             raise ScanError(f"two containers: {self._rivals}; expected one, or a region of "
                             "interest (roi_center_m, roi_size_m) around one")
@@ -211,13 +241,14 @@ class StackCounter:
         if not len(mesh.triangles):
             raise ScanError(f"no surface left after carving {len(self._views)} views; expected "
                             "some: depth and poses disagree")
-        top = TopView(mesh)
+        top = self._surface = TopView(mesh)
         seen = (top, self._views, region, pitch, self._config)
         container, sure = find_container(*seen) if self._taught is None \
             else (place_container(self._taught, *seen), True)
         floor_known = self._taught is not None or self._config.container_floor_m > 0
-        result = measure(top, container, region, pitch, floor_known)
-        reasons = []
+        one_side = from_one_side(self._views, region)
+        result = measure(top, container, region, pitch, floor_known, one_side)
+        reasons = ["one_side"] if one_side else []
         if result.coverage < _LOW_COVERAGE:
             reasons.append("low_coverage")
         if container.kind == "none" and result.stack_volume == 0:
@@ -242,7 +273,8 @@ class StackCounter:
 
     def _from_hull(self) -> StackVolume:
         c = self._config
-        carved = hull.carve(self._views, c.voxel_size or COARSEST, c.hull_min_share)
+        carved = hull.carve(self._views, c.voxel_size or COARSEST, c.hull_min_share,
+                            votes=2 if c.live else 1)
         container = Container("hull", geometry.pose(np.eye(3), carved.middle))
         # An outline's error of one pixel moves the surface by about half a voxel.
         skin = len(carved.surface) * carved.voxel_size**3

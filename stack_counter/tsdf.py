@@ -77,6 +77,28 @@ class Tsdf:
                 weights = self._grid.attribute("weight").numpy()  # shares the memory
                 np.minimum(weights, self._max_weight, out=weights)
 
+    def forget(self, changed: np.ndarray, depth: np.ndarray, intrinsics: Intrinsics,
+               T_world_camera: np.ndarray) -> None:
+        """Lets the next view alone say what is along some pixels' rays, up to their surface.
+
+        Args:
+            changed: (h, w) bool.
+            depth: (h, w) float32, metres, of the surface that is now seen there.
+            intrinsics, T_world_camera: as for `integrate`.
+        """
+        blocks = self._grid.hashmap().active_buf_indices()
+        if not len(blocks) or not changed.any():
+            return
+        points, index = self._grid.voxel_coordinates_and_flattened_indices(blocks)
+        pixels, z = geometry.project(geometry.apply(
+            geometry.inverse(T_world_camera).astype(np.float32), points.numpy()), intrinsics)
+        rows, cols = changed.shape
+        near = (z > 0) & np.all((pixels > -0.5) & (pixels < [cols - 0.5, rows - 0.5]), axis=1)
+        x, y = np.round(pixels[near]).astype(int).T
+        wiped = changed[y, x] & (depth[y, x] - z[near] > -self._trunc_voxels * self.voxel_size)
+        weights = self._grid.attribute("weight").numpy().reshape(-1)  # shares the memory
+        weights[index.numpy()[np.flatnonzero(near)[wiped]]] = 0
+
     def _new_blocks(self, wanted: o3d.t.geometry.Image, K: o3c.Tensor, T_camera_world: o3c.Tensor,
                     settings: tuple[float, float, float]) -> np.ndarray:
         """(n, 3) int32 coordinates of the blocks on the wanted surface that do not exist yet."""
@@ -112,7 +134,7 @@ class Tsdf:
 
 
 class TopView:
-    """Looks at a mesh from straight above."""
+    """Looks at a mesh, from straight above or as a camera does."""
 
     def __init__(self, mesh: Mesh):
         self._scene = o3d.t.geometry.RaycastingScene()
@@ -142,3 +164,16 @@ class TopView:
         z = self._above - hits - T_world_map[2, 3]
         heights[np.isfinite(hits)] = z[np.isfinite(hits)]
         return HeightMap(T_world_map, pitch, heights)
+
+    def depth(self, intrinsics: Intrinsics, T_world_camera: np.ndarray) -> np.ndarray:
+        """(h, w) float32 depth along the optical axis that a camera would measure, metres; 0 where
+        it sees nothing of the mesh."""
+        k, shape = intrinsics, (intrinsics.height, intrinsics.width)
+        if self._empty:
+            return np.zeros(shape, np.float32)
+        v, u = np.mgrid[:shape[0], :shape[1]]
+        ways = np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(shape)], axis=-1) \
+            @ T_world_camera[:3, :3].T  # as long as one metre of depth
+        rays = np.concatenate([np.broadcast_to(T_world_camera[:3, 3], ways.shape), ways], axis=-1)
+        hits = self._scene.cast_rays(o3c.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
+        return np.where(np.isfinite(hits), hits, 0).astype(np.float32)

@@ -19,6 +19,8 @@ _EDGE = 1.5  # voxels next to a wall in which the fused surface is the wall's ro
 _NOISE = 0.002  # bin: what stands less than this above the floor is noise, m
 _GROUND = 0.006  # how far from the support plane its own surface is looked for, m
 _SPECK = 6  # cells: what is smaller is noise, not a part
+_BETWEEN = 8  # cells: half of the widest gap between a heap's parts that was not seen
+_DISC = np.hypot(*np.mgrid[-_BETWEEN:_BETWEEN + 1, -_BETWEEN:_BETWEEN + 1]) <= _BETWEEN
 _HIGHEST_FLOOR = 0.12  # of the rim's height, that a floor may lie above the support plane
 _FLAT = 0.002  # how level a visible floor is, m
 _GAP = 2  # cells next to a part in which the fused surface has not come down to the floor yet
@@ -26,6 +28,9 @@ _SHOWS = 0.01  # share of the footprint where the floor must show
 # What no view saw between parts and below the rim lies lower than the lowest that was seen beside
 # it, and crests are worn down a little; both as measured on training scenes.
 _HIDDEN, _WORN = 0.65, 0.0004
+# One camera does not see much that lies as high as what it sees beside it: in a container, of a
+# heap.
+_HIDDEN_INSIDE, _HIDDEN_HEAP = 0.85, 1.0
 # Standard deviations that agree with the errors on training scenes: the level of the surface, m,
 # and per metre of the depth's noise; the wall's place, m; what was filled in, relative; a floor
 # that was not seen, per wall thickness; the volume, relative, and that of a heap beyond it.
@@ -59,9 +64,10 @@ class _Integral:
     fill: np.ndarray
 
 
-def _integral(fill: np.ndarray, seen: np.ndarray, cell_area: float) -> _Integral:
-    """Integrates (n,) fill heights over cells of an area, m2, that were seen or filled in."""
-    fill = np.where(fill < _NOISE, 0.0, np.where(seen, fill, _HIDDEN * fill))
+def _integral(fill: np.ndarray, seen: np.ndarray, cell_area: float, hidden: float) -> _Integral:
+    """Integrates (n,) fill heights over cells of an area, m2, that were seen, or filled in: of
+    those the share `hidden` counts."""
+    fill = np.where(fill < _NOISE, 0.0, np.where(seen, fill, hidden * fill))
     fill = np.where(fill > 0, fill + _WORN, 0.0)
     return _Integral(float(fill.sum()) * cell_area, float(fill[~seen].sum()) * cell_area,
                      np.count_nonzero(fill) * cell_area, fill)
@@ -76,7 +82,7 @@ def _std(of: _Integral, region: Region, edge: float, *more: float) -> float:
 
 
 def measure(view: TopView, container: Container, region: Region, pitch: float,
-            floor_known: bool) -> Measure:
+            floor_known: bool, one_side: bool = False) -> Measure:
     """Integrates the stack over the container's opening, or over the heap's footprint.
 
     Cells that no view saw are filled in from those beside them.
@@ -87,17 +93,18 @@ def measure(view: TopView, container: Container, region: Region, pitch: float,
         region: where a heap is looked for.
         pitch: side of a map cell, m: the voxel's.
         floor_known: the floor's thickness is configured, so it is not looked for.
+        one_side: all views come from one side, as those of a single fixed camera.
 
     Raises:
         ScanError: nothing of the footprint was seen.
     """
     if container.kind == "none":
-        return _measure_heap(view, container, region, pitch)
-    return _measure_inside(view, container, region, pitch, floor_known)
+        return _measure_heap(view, container, region, pitch, one_side)
+    return _measure_inside(view, container, region, pitch, floor_known, one_side)
 
 
 def _measure_inside(view: TopView, container: Container, region: Region, pitch: float,
-                    floor_known: bool) -> Measure:
+                    floor_known: bool, one_side: bool) -> Measure:
     inner, area = opening_map(container, pitch)
     opening = np.isfinite(inner.heights)
     top = view.heights(inner.T_world_map, pitch, inner.heights.shape)
@@ -112,7 +119,7 @@ def _measure_inside(view: TopView, container: Container, region: Region, pitch: 
             container = with_floor(container, floor)
             inner, area = opening_map(container, pitch)
     of = _integral((heights - inner.heights)[opening], seen[opening],
-                   area / np.count_nonzero(opening))
+                   area / np.count_nonzero(opening), _HIDDEN_INSIDE if one_side else _HIDDEN)
     assert container.rings is not None  # for the type checker
     sides = np.roll(container.rings[-1], -1, axis=0) - container.rings[-1]
     edge = _EDGE_ERROR * float(np.linalg.norm(sides, axis=1).sum()) * of.volume / area
@@ -169,27 +176,32 @@ def _visible_floor(heights: np.ndarray, on_floor: np.ndarray, assumed: float, ri
     return None
 
 
-def _standing(heights: np.ndarray) -> np.ndarray:
+def _standing(heights: np.ndarray, one_side: bool) -> np.ndarray:
     """(rows, cols) bool: the cells of a heap, what is unseen between them, but no specks."""
     known = heights[np.isfinite(heights)]
     ground = known[np.abs(known) < _GROUND]
     noise = 1.4826 * float(np.median(np.abs(ground))) if len(ground) else 0.0
     high = np.nan_to_num(heights, nan=0.0) > max(_NOISE, 4 * noise)
+    if one_side:  # what lies unseen between parts belongs to them
+        high |= ndimage.binary_closing(np.pad(high, _BETWEEN), _DISC)[
+            _BETWEEN:-_BETWEEN, _BETWEEN:-_BETWEEN] & np.isnan(heights)
     names, count = ndimage.label(ndimage.binary_fill_holes(high), np.ones((3, 3)))
     large = np.bincount(names.ravel(), minlength=count + 1) >= _SPECK
     large[0] = False
     return large[names]
 
 
-def _measure_heap(view: TopView, container: Container, region: Region, pitch: float) -> Measure:
+def _measure_heap(view: TopView, container: Container, region: Region, pitch: float,
+                  one_side: bool) -> Measure:
     shape = tuple(int(n) for n in np.ceil((region.high - region.low)[1::-1] / pitch))
     T_world_map = geometry.pose(np.eye(3), np.append(region.low[:2], region.plane_z))
     top = view.heights(T_world_map, pitch, (shape[0], shape[1]))
-    stack, seen = _standing(top.heights), np.isfinite(top.heights)
+    stack, seen = _standing(top.heights, one_side), np.isfinite(top.heights)
     coverage = float(seen[stack].mean()) if stack.any() else 1.0
     heights = filled(top.heights, np.ones(shape, bool))
     heights = np.where(stack, np.maximum(heights, 0.0), np.nan).astype(np.float32)
-    of = _integral(heights[stack], seen[stack], pitch**2)
+    of = _integral(heights[stack], seen[stack], pitch**2,
+                   _HIDDEN_HEAP if one_side else _HIDDEN)
     inner = HeightMap(T_world_map, pitch, np.where(stack, np.float32(0), np.float32(np.nan)))
     return Measure(of.volume, _std(of, region, 0.0, _HEAP_ERROR * of.volume),
                    replace(top, heights=heights), inner, coverage, (0.0, 0.0, 0.0), container)

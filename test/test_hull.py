@@ -61,6 +61,14 @@ def test_one_view_that_says_background_carves():
         carve([*views, liar], 0.004, 0.5)
 
 
+def test_where_two_must_say_so_one_does_not_carve():
+    views = outlines(ball(), around())
+    liar = View(99, CAMERA, views[0].T_world_camera, labels=np.zeros((480, 640), np.uint8))
+    assert carve([*views, liar], 0.004, 0.5, votes=2).volume == pytest.approx(TRUE, rel=0.15)
+    with pytest.raises(ScanError, match="0 voxels left"):
+        carve([*views, liar, liar], 0.004, 0.5, votes=2)
+
+
 def test_background_only_and_parallel_views_are_refused():
     views = outlines(ball(), around(6), parts=0)
     with pytest.raises(ScanError, match="all 6 label images are background"):

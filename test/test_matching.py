@@ -196,6 +196,21 @@ def test_fixed_camera_must_see_a_change_not_noise():
     assert all(v.fixed for v in views) and assembler.tally.skipped == {"duplicate": 3}
 
 
+def test_one_part_taken_away_is_a_change():
+    """A patch of 40 x 40 pixels that becomes darker by 20 levels, among noise."""
+    assembler, noise = ViewAssembler(COLOR_ONLY, live=False), np.random.default_rng(0)
+    assembler.add_transform(transform(0, camera_pose(0)), True)
+    k = replace(CAMERA, width=640, height=480)
+    plain = cv2.resize(picture(0), (640, 480), interpolation=cv2.INTER_NEAREST).astype(float)
+    for i in range(3):
+        shown = np.clip(plain, 40, 215)
+        shown[200:240, 300:340] -= 20.0 * (i == 2)
+        shown = np.clip(shown + noise.normal(0, 5, shown.shape), 0, 255).astype(np.uint8)
+        feed(assembler, i, image(shown, "rgb8", stamp_of(i)), camera_info(k, stamp_of(i)),
+             tf=False)
+    assert [v.stamp_ns for v in assembler.flush()] == [stamp_of(0), stamp_of(2)]
+
+
 def test_fixed_camera_that_changes_its_size():
     assembler = ViewAssembler(COLOR_ONLY, live=False)
     assembler.add_transform(transform(0, camera_pose(0)), True)

@@ -110,3 +110,29 @@ def test_live_counts_from_the_first_view():
     stack = StackCounter(ReconstructorConfig(live=True))
     stack.add_view(bin_scene().views(1, tilts=(5,))[0])
     assert stack.volume().stack_volume == pytest.approx(0.2 * 0.15 * 0.05, rel=0.15)
+
+
+def watched(level):
+    """A fixed camera above a bin that is filled flat up to `level`, metres."""
+    scene = Scene().bin((0.2, 0.15, 0.1), 0.005, 0.005, level, yaw=0.3)
+    return replace(scene.views(1, tilts=(8,))[0], fixed=True, camera="above")
+
+
+@pytest.mark.parametrize("levels", [(0.06, 0.03), (0.03, 0.06)], ids=["taken out", "poured in"])
+def test_live_is_not_one_view_behind(levels):
+    """Ten views of one fill, one of another: the last one alone counts where they differ."""
+    stack = StackCounter(ReconstructorConfig(live=True))
+    for level in [levels[0]] * 10 + [levels[1]]:
+        stack.add_view(watched(level))
+        volume = stack.volume()
+    assert volume.stack_volume == pytest.approx(0.2 * 0.15 * levels[1], rel=0.06)
+    assert "one_side" in volume.reasons and volume.container.kind == "box"
+    assert volume.views.used == 11
+
+
+def test_live_goes_on_for_ever_and_forgets():
+    stack = StackCounter(ReconstructorConfig(live=True, max_views=4))
+    for i in range(9):
+        stack.add_view(replace(watched(0.05), stamp_ns=i))
+    stack.volume()
+    assert stack.tally.used == 9 and len(stack.labelled_views()) == 2

@@ -33,3 +33,49 @@ def test_a_view_of_nothing_to_keep_only_carves():
     tsdf.integrate(view.depth, few, view.intrinsics, view.T_world_camera)
     tsdf.integrate(view.depth, view.depth > 0, view.intrinsics, view.T_world_camera)
     assert len(tsdf.extract_triangle_mesh(1).triangles)
+
+
+def above(stands, height=1.0):
+    """A view from above of a box 20 cm wide and 10 cm high on a plane, or of the plane alone."""
+    scene = Scene().box((0, 0, 0.05), (0.2, 0.2, 0.1)) if stands else Scene()
+    return scene.view(geometry.look_at(np.array([0.02, 0, height]), np.zeros(3)))
+
+
+def test_a_mesh_is_seen_as_by_the_camera_that_gave_it():
+    view = above(True)
+    tsdf = Tsdf(0.002, 2.0, 3.0, 20.0, 1000.0)
+    tsdf.integrate(view.depth, view.depth > 0, view.intrinsics, view.T_world_camera)
+    seen = TopView(tsdf.extract_triangle_mesh(1)).depth(view.intrinsics, view.T_world_camera)
+    both = seen > 0
+    assert both.mean() > 0.95
+    assert np.median(np.abs(seen - view.depth)[both]) < 2e-4
+    assert np.mean(np.abs(seen - view.depth)[both] < 0.004) > 0.99
+
+
+def test_what_is_forgotten_is_gone_with_the_next_view():
+    full, empty = above(True), above(False)
+    corner = geometry.pose(np.eye(3), np.array([-0.05, -0.05, 0]))
+    left = {}
+    for forgets in (False, True):
+        tsdf = Tsdf(0.002, 2.0, 3.0, 20.0, 1000.0)
+        for _ in range(8):
+            tsdf.integrate(full.depth, full.depth > 0, full.intrinsics, full.T_world_camera)
+        if forgets:
+            tsdf.forget(np.abs(full.depth - empty.depth) > 0.003, empty.depth, empty.intrinsics,
+                        empty.T_world_camera)
+        tsdf.integrate(empty.depth, empty.depth > 0, empty.intrinsics, empty.T_world_camera)
+        mesh = tsdf.extract_triangle_mesh(1)
+        left[forgets] = TopView(mesh).heights(corner, 0.002, (50, 50)).heights
+    assert np.median(left[False]) > 0.09  # eight views outvote one
+    assert np.nanmax(np.abs(left[True])) < 0.001
+
+
+def test_nothing_changed_forgets_nothing():
+    view = above(True)
+    tsdf = Tsdf(0.002, 2.0, 3.0, 20.0, 1000.0)
+    tsdf.forget(np.ones(view.depth.shape, bool), view.depth, view.intrinsics, view.T_world_camera)
+    tsdf.integrate(view.depth, view.depth > 0, view.intrinsics, view.T_world_camera)
+    before = tsdf.extract_triangle_mesh(1)
+    tsdf.forget(np.zeros(view.depth.shape, bool), view.depth, view.intrinsics,
+                view.T_world_camera)
+    assert len(tsdf.extract_triangle_mesh(1).triangles) == len(before.triangles)

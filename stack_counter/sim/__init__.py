@@ -7,13 +7,14 @@
 What is named here is for `train` and `eval`; the rest is the simulator's own.
 """
 
+from stack_counter.sim.bags import picked
 from stack_counter.sim.camera import DepthCamera
 from stack_counter.sim.casting import Caster
 from stack_counter.sim.containers import FOUND_AS
-from stack_counter.sim.recording import record
+from stack_counter.sim.recording import record, watch
 from stack_counter.sim.scene import Scene
 from stack_counter.sim.shards import read_scenes, read_shard
 from stack_counter.sim.truth import Truth
 
-__all__ = ["FOUND_AS", "Caster", "DepthCamera", "Scene", "Truth", "read_scenes", "read_shard",
-           "record"]
+__all__ = ["FOUND_AS", "Caster", "DepthCamera", "Scene", "Truth", "picked", "read_scenes",
+           "read_shard", "record", "watch"]

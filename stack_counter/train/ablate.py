@@ -54,7 +54,7 @@ def run_variant(job: tuple[argparse.Namespace, str, int]) -> dict:
     kept = [text for text in map(str, options.data) if not without or without not in text]
     # Of the fused scans only those left out are used: to look at what was learnt.
     data = load_data(options)
-    known = load_data(argparse.Namespace(**{**vars(options), "data": kept, "scans": None}))
+    known = load_data(argparse.Namespace(**{**vars(options), "data": kept, "scans": []}))
     fold = fold_of(data.families)
     held = data.pick(np.array([fold[s.family] == number and fused for s, fused in
                                zip(data.samples, data.fused)]))

@@ -12,7 +12,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.gamma_input import stack_maps
 from stack_counter.pipeline import StackCounter
-from stack_counter.sim import FOUND_AS, Scene, record
+from stack_counter.sim import FOUND_AS, Scene, record, watch
 from stack_counter.train.heights import Sample, form_of, read_samples
 from stack_counter.types import StackVolume
 
@@ -43,11 +43,23 @@ def reconstruct(scene: Scene, seed: int = 0, views: int = _VIEWS) -> StackVolume
     return stack.volume()
 
 
-def scan(scene: Scene) -> Scan | None:
-    """One scene; None, with a line on stderr, if it is refused."""
+def reconstruct_from_above(scene: Scene) -> StackVolume:
+    """V of a single noisy view of a fixed camera, as the continuous mode has it first.
+
+    Raises:
+        StackCounterError: the scan is refused.
+    """
+    stack = StackCounter(ReconstructorConfig(live=True))
+    stack.reset(scene.truth.unit_volume)
+    stack.add_view(watch([scene], color=False)[0])
+    return stack.volume()
+
+
+def scan(scene: Scene, one_view: bool = False) -> Scan | None:
+    """One scene, from an arc or from one view; None, with a line on stderr, if it is refused."""
     truth, name = scene.truth, f"{scene.seed}:{scene.index}"
     try:
-        volume = reconstruct(scene)
+        volume = reconstruct_from_above(scene) if one_view else reconstruct(scene)
         maps = stack_maps(volume, truth.unit_volume)
     except StackCounterError as error:
         print(f"scene {name}: {error}", file=sys.stderr)

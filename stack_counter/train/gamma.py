@@ -52,7 +52,7 @@ class TrainConfig:
     patience: int = 10
     seed: int = 0
     likelihood: bool = True
-    form_weight: float = 0.1
+    form_weight: float = 0.02
     blind: float = BLIND
     degrade: bool = True
 
@@ -80,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command line of `train`."""
     parser.add_argument("--data", type=Path, nargs="+", required=True, metavar="DIR",
                         help="folders of simulated scenes; DIR:W draws them W times as often")
-    parser.add_argument("--scans", type=Path, metavar="DIR",
+    parser.add_argument("--scans", type=Path, nargs="+", default=[], metavar="DIR",
                         help="truly fused scans of them (python -m stack_counter.train.scans)")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--cache", type=Path, default=Path("out/heights"), metavar="DIR",
@@ -149,9 +149,9 @@ def load_data(options: argparse.Namespace) -> Data:
         weights += [weight] * len(found)
     if not samples:
         raise ConfigError(f"no scenes in {list(map(str, options.data))}; expected shard_*.npz")
-    scans = options.scans
     cast = len(samples)
-    fused = [scan.sample for scan in read_scans(scans) if scan.found] if scans else []
+    fused = [scan.sample for folder in options.scans for scan in read_scans(folder)
+             if scan.found]
     return Data(samples + fused, [False] * cast + [True] * len(fused),
                 np.array(weights + [3.0] * len(fused)))
 

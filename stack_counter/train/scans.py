@@ -20,10 +20,10 @@ from stack_counter.train.fused import scan
 from stack_counter.train.heights import write_samples
 
 
-def _keep(job: tuple[Path, int, Path]) -> None:
-    path, step, out = job
+def _keep(job: tuple[Path, int, Path, bool]) -> None:
+    path, step, out, one_view = job
     scenes = [s for s in read_shard(path) if s.truth.count and s.index % step == 0]
-    scans = [done for scene in scenes if (done := scan(scene))]
+    scans = [done for scene in scenes if (done := scan(scene, one_view))]
     if scans:
         write_samples(out, [s.sample for s in scans], more=np.array(
             [(s.true_volume, s.volume, s.volume_std, s.found) for s in scans]))
@@ -35,12 +35,15 @@ def main() -> int:
     parser.add_argument("out", type=Path)
     parser.add_argument("scenes", nargs="+", metavar="DIR:STEP")
     parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--one-view", action="store_true",
+                        help="of a fixed camera above, not an arc of views")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     jobs = []
     for text in options.scenes:
         folder, _, step = text.rpartition(":")
-        jobs += [(path, int(step), options.out / f"{Path(folder).name}_{path.stem}.npz")
+        jobs += [(path, int(step), options.out / f"{Path(folder).name}_{path.stem}.npz",
+                  options.one_view)
                  for path in sorted(Path(folder).glob("shard_*.npz"))]
     jobs = [job for job in jobs if not job[2].exists()]
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
