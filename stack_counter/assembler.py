@@ -24,6 +24,7 @@ from stack_counter.types import View, ViewTally
 
 _LOG = logging.getLogger(__name__)
 _SELDOM = 4  # images waiting, as many as replay has in flight: not each brings a calibration
+_JUMP_NS = 10**9  # back by more than this is no image that is late
 _POSE_FRAME = "pose topic"  # name, in the buffer, of the frame whose pose a topic gives
 
 
@@ -40,9 +41,18 @@ class _Waiting:
 class ViewAssembler:
     """Matches images by stamp, finds their poses, and skips what is not worth a view."""
 
-    def __init__(self, config: CollectorConfig, live: bool = True):
-        """`live`: messages that stay away are given up after `tf_timeout_s` of wall time. Replay
-        without ROS has nothing to wait for; there, nothing may depend on the clock."""
+    def __init__(self, config: CollectorConfig, live: bool = True,
+                 T_world_camera: np.ndarray | None = None, frame: str = ""):
+        """Makes one that has seen nothing.
+
+        Args:
+            config: settings.
+            live: messages that stay away are given up after `tf_timeout_s` of wall time. Replay
+                without ROS has nothing to wait for; there, nothing may depend on the clock.
+            T_world_camera: (4, 4) pose of a fixed camera; None: TF or a topic says it.
+            frame: of the camera in TF; empty: as its images say.
+        """
+        self._T_world_camera, self._tf_frame = T_world_camera, frame
         self._config = config
         self._live = live
         self._tolerance_ns = round(config.sync_tolerance_s * 1e9)
@@ -58,9 +68,19 @@ class ViewAssembler:
         self._gate = ViewGate(self._config)
         self._skipped: Counter[str] = Counter()
         self._received = self._accepted = 0
-        self._newest = -1
+        self._newest = self._behind = -1
         self._frame = ""
         self.last_error: dict[str, str] = {}
+
+    def adjust(self, config: CollectorConfig) -> None:
+        """Takes over other gates; a node's parameters have changed."""
+        self._config = config
+        self._gate.adjust(config)
+
+    @property
+    def waiting(self) -> int:
+        """Images that wait for their partners, calibration or pose."""
+        return len(self._waiting)
 
     @property
     def tally(self) -> ViewTally:
@@ -87,10 +107,23 @@ class ViewAssembler:
                                              "two cameras speak on one topic")
         if stamp == self._newest:
             raise ViewError("duplicate", f"a second image with stamp {stamp} ns")
-        if stamp < self._newest:
+        behind, self._behind = self._behind, -1
+        if -1 < behind < stamp < self._newest - _JUMP_NS:  # two in a row: the clock was set back
+            self._restart(stamp)
+        elif stamp < self._newest:
+            self._behind = stamp
             raise ViewError("time_backwards", f"stamp {stamp} ns after {self._newest} ns; "
                                               "expected stamps that grow")
         self._newest = stamp
+
+    def _restart(self, stamp: int) -> None:
+        """The time is another one: what waits will not find its partners."""
+        for _ in self._waiting:
+            self._skip(ViewError("time_jumped", f"the clock went back from {self._newest} ns"))
+        self._waiting.clear()
+        for stream in (self._depths, self._labels):
+            stream.restart(stamp)
+        self._calibrations.restart()
 
     def add_depth(self, message: Any) -> None:
         """An aligned depth `Image`."""
@@ -167,11 +200,16 @@ class ViewAssembler:
         return (calibrated
                 and (not self._config.depth_topic or self._depths.settled(head.stamp_ns))
                 and (not self._config.labels_topic or self._labels.settled(head.stamp_ns))
-                and self._transforms.ready(self._config.world_frame, self._source(head),
-                                           head.stamp_ns))
+                and self._located(head))
+
+    def _located(self, head: _Waiting) -> bool:
+        return self._T_world_camera is not None or self._transforms.ready(
+            self._config.world_frame, self._source(head), head.stamp_ns)
 
     def _source(self, head: _Waiting) -> str:
-        return _POSE_FRAME if self._config.pose_source == "topic" else head.frame.lstrip("/")
+        if self._config.pose_source == "topic":
+            return _POSE_FRAME
+        return (self._tf_frame or head.frame).lstrip("/")
 
     def _view(self, head: _Waiting) -> View:
         """The view of a colour image.
@@ -194,11 +232,15 @@ class ViewAssembler:
             depth = self._depths.partner(head.color, head.stamp_ns, "bad_depth")
         if self._config.labels_topic:
             labels = self._labels.partner(head.color, head.stamp_ns, "bad_labels")
-        T, fixed = self._transforms.lookup(self._config.world_frame, self._source(head),
-                                           head.stamp_ns)
+        T, fixed = self._pose(head)
         view = View(head.stamp_ns, intrinsics, T, head.color, depth, labels, head.frame, fixed)
         self._gate.check(view)
         return view
+
+    def _pose(self, head: _Waiting) -> tuple[np.ndarray, bool]:
+        if self._T_world_camera is not None:
+            return self._T_world_camera, True
+        return self._transforms.lookup(self._config.world_frame, self._source(head), head.stamp_ns)
 
     def _skip(self, error: ViewError) -> None:
         self._skipped[error.reason] += 1

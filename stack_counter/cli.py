@@ -150,6 +150,8 @@ def _add_simulate(commands: argparse._SubParsersAction) -> None:
     bag.add_argument("--views", type=_positive, default=12, help="of the arc (default 12)")
     bag.add_argument("--picks", type=_positive, metavar="K",
                      help="a fixed camera sees K parts taken away, one after the other")
+    bag.add_argument("--cycles", type=_positive, metavar="K",
+                     help="a station of four fixed cameras sees K fills, one after the other")
     bag.add_argument("--noise-seed", type=int, default=0, metavar="S",
                      help="of poses, noise and materials")
     bag.set_defaults(run=_simulate_bag)
@@ -210,6 +212,13 @@ def _replay(options: argparse.Namespace) -> int:
 
             result = replay_direct(options.bag, config, unit_volume, options.rate,
                                    lambda: bar.update() and None, begin)
+    for error in result.errors:
+        print(f"stack-counter: {error}", file=sys.stderr)
+    for entry in result.counts if config.collector.mode == "cycle" else ():
+        low, high = entry["count_interval"]
+        print(f"cycle at {entry['stamp_ns'] / 1e9:.3f} s: {entry['count']} parts, between {low} "
+              f"and {high}" + (f", without {', '.join(entry['missing_cameras'])}"
+                               if "missing_cameras" in entry else ""))
     print(as_text(result.count, _true_count(options.bag)))
     if options.json:
         text = json.dumps(as_dict(result.count, result.counts), indent=2)
@@ -250,12 +259,14 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _simulate_bag(options: argparse.Namespace) -> int:
-    from stack_counter.sim.bags import write_picks_bag, write_scene_bag
+    from stack_counter.sim.bags import write_picks_bag, write_scene_bag, write_station_bag
     from stack_counter.sim.shards import find_scene
 
     scene = find_scene(options.scene)
     if options.picks:
         write_picks_bag(scene, options.bag, options.picks, options.noise_seed)
+    elif options.cycles:
+        write_station_bag(scene, options.bag, options.cycles, options.noise_seed)
     else:
         write_scene_bag(scene, options.bag, options.views, options.noise_seed)
     print(f"{options.bag}: {len(scene.poses)} parts of {scene.shape.unit_volume * 1e6:.6g} cm3 "

@@ -20,16 +20,25 @@ NAMESPACE = "/stack_counter"
 
 
 def _setting(default: Any, doc: str, low: float | None = None, high: float | None = None,
-             choices: tuple[str, ...] = ()) -> Any:
-    """A dataclass field that carries its description and its range."""
-    return field(default=default,
-                 metadata={"doc": doc, "low": low, "high": high, "choices": choices})
+             choices: tuple[str, ...] = (), runtime: bool = False) -> Any:
+    """A dataclass field that carries its description, its range, and whether it may change while
+    its node is configured."""
+    return field(default=default, metadata={"doc": doc, "low": low, "high": high,
+                                            "choices": choices, "runtime": runtime})
 
 
 @dataclass(frozen=True)
 class CollectorConfig:
     """Which topics a camera speaks on, and which images are worth keeping."""
 
+    mode: str = _setting("scan", "scan: from start_scan to stop_scan; continuous: a scan that "
+                                 "never ends; cycle: each set of images of the rig is a scan",
+                         choices=("scan", "continuous", "cycle"))
+    part: str = _setting("", "name of the part, for scans that start by themselves; the counter's "
+                             "where empty")
+    unit_volume_m3: float = _setting(0.0, "volume of one part for such scans, m3; 0: the part's",
+                                     0.0)
+    rig: str = _setting("", "file that names several cameras; empty: one, as described below")
     world_frame: str = _setting("base_link", "frame of the poses, z up")
     color_topic: str = _setting("/camera/color/image_raw", "colour images, without /compressed")
     color_transport: str = _setting("raw", "how colour images come", choices=("raw", "compressed"))
@@ -48,12 +57,14 @@ class CollectorConfig:
     sync_tolerance_s: float = _setting(0.005, "stamp difference of images of one view, s",
                                        0.0, 1.0)
     min_motion_m: float = _setting(0.005, "a moving camera must move this far for another view, "
-                                          "m", 0.0, 1.0)
-    min_motion_rad: float = _setting(0.02, "or turn this far, rad", 0.0, math.pi)
+                                          "m", 0.0, 1.0, runtime=True)
+    min_motion_rad: float = _setting(0.02, "or turn this far, rad", 0.0, math.pi, runtime=True)
     min_change: float = _setting(4.0, "grey-level change of some place, a thirtieth of the image "
-                                      "wide, for another view of a fixed camera", 0.0, 255.0)
+                                      "wide, for another view of a fixed camera", 0.0, 255.0,
+                                 runtime=True)
     min_sharpness: float = _setting(2.0, "variance of the Laplacian below which an image is "
-                                         "blurred, grey levels squared", 0.0, 10000.0)
+                                         "blurred, grey levels squared", 0.0, 10000.0,
+                                    runtime=True)
 
 
 @dataclass(frozen=True)
@@ -63,6 +74,8 @@ class ReconstructorConfig:
     min_views: int = _setting(3, "fewest views for a volume", 1, 1000)
     max_views: int = _setting(200, "views beyond this number are skipped", 1, 10000)
     live: bool = _setting(False, "volume after every view from the first on, not only at the end")
+    running_period_s: float = _setting(2.0, "a scan that goes on says so often what it has so "
+                                            "far, s; 0: never", 0.0, 3600.0)
     voxel_size: float = _setting(0.0, "side of a voxel, m; 0: 2 mm, less for small parts, more "
                                        "for large containers", 0.0, 0.1)
     trunc_voxels: float = _setting(2.0, "sdf_trunc in voxels", 1.0, 20.0)
@@ -83,7 +96,7 @@ class ReconstructorConfig:
                                       "else the views' own labels",
                               choices=("auto", "geometric", "labels", "prompted", "sam2"))
     prompts: str = _setting("", "what is marked in the first view: a YAML file, or its text in "
-                                "braces")
+                                "braces", runtime=True)
     sam2_weights: str = _setting("", "folder of a SAM 2 video model with safetensors, for sam2")
     container_kind: str = _setting("auto", "what holds the parts",
                                    choices=("auto", "box", "round", "free", "none"))
@@ -103,8 +116,9 @@ class ReconstructorConfig:
 class CounterConfig:
     """From V to a count."""
 
-    part: str = _setting("", "name of the part in config/parts.yaml")
-    unit_volume_m3: float = _setting(0.0, "volume of one part, m3; 0: the part's", 0.0)
+    part: str = _setting("", "name of the part in config/parts.yaml", runtime=True)
+    unit_volume_m3: float = _setting(0.0, "volume of one part, m3; 0: the part's", 0.0,
+                                     runtime=True)
     estimator: str = _setting("network", "what says gamma", choices=(
         "network", "depth_corrected", "depth_extrapolated", "prior", "direct"))
     weights: str = _setting("", "safetensors file of the estimator; empty: the shipped one")
@@ -113,7 +127,13 @@ class CounterConfig:
     depth_weights: str = _setting("", "folder with your own Depth Anything V2 weights, which read "
                                       "key views in colour only; empty: none")
     confidence: float = _setting(0.9, "probability that the interval holds the true count",
-                                 0.01, 0.999)
+                                 0.01, 0.999, runtime=True)
+    expected_count: int = _setting(0, "parts that every count is judged by; 0: none",
+                                   0, 1000000000, runtime=True)
+    tolerance: int = _setting(0, "largest deviation from expected_count that passes, parts",
+                              0, 1000000000, runtime=True)
+    timeout_s: float = _setting(60.0, "longest time of a scan that an action or service asks for "
+                                      "without saying, s", 0.1, 86400.0, runtime=True)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from stack_counter.types import OccupancyEstimate, StackCount, StackVolume
 _ROUNDING = 1e-6  # of a part: an exact bound is not pushed to the next number by rounding
 # Reasons that make a count less than what was asked for.
 _DEGRADING = {"no_depth", "bag_truncated", "low_coverage", "views_lost", "cut_by_image",
-              "container_unsure"}
+              "container_unsure", "camera_missing"}
 
 
 def check_unit_volume(unit_volume: float) -> float:

@@ -63,6 +63,11 @@ class ImageStream:
         """Forgets what no colour image after the stamp can use."""
         self._forget(bisect_left(self._stamps, stamp_ns - self._tolerance_ns))
 
+    def restart(self, stamp_ns: int) -> None:
+        """Forgets what is later than the stamp: the clock was set back."""
+        later = bisect_left(self._stamps, stamp_ns + self._tolerance_ns + 1)
+        del self._stamps[later:], self._images[later:]
+
     def _forget(self, count: int) -> None:
         if count > 0:
             del self._stamps[:count], self._images[:count]
@@ -98,6 +103,11 @@ class Calibrations:
         first = self._changes[0][1] if self._changes else None
         return next((k for t, k in reversed(self._changes) if t <= limit), first)
 
+    def restart(self) -> None:
+        """The clock was set back: the last calibration holds from now on."""
+        self._changes = deque(((0, self._changes[-1][1]),) if self._changes else (), maxlen=QUEUE)
+        self._newest_ns = self._passed_ns = 0
+
     def passed(self, stamp_ns: int) -> None:
         """Notes that the image of this stamp is decided."""
         self._passed_ns = stamp_ns
@@ -112,6 +122,10 @@ class ViewGate:
     def __init__(self, config: CollectorConfig):
         self._config = config
         self._last: tuple[np.ndarray, np.ndarray] | None = None  # pose and small grey image
+
+    def adjust(self, config: CollectorConfig) -> None:
+        """Takes over other limits."""
+        self._config = config
 
     def check(self, view: View) -> None:
         """Refuses a view, or remembers it as the last that passed.

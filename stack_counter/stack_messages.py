@@ -79,7 +79,7 @@ def from_stack_volume(message: Any) -> StackVolume:
         stack_volume_std=message.stack_volume_std, container=from_container(message.container),
         fill_level=(message.fill_level_min, message.fill_level_mean, message.fill_level_max),
         coverage=message.coverage, top=from_height_map(message.top),
-        inner=from_height_map(message.inner),
+        inner=from_height_map(message.inner), missing_cameras=tuple(message.missing_cameras),
         key_view=from_key_view(message.key_view) if message.has_key_view else None,
         views=from_tally(message.views), reasons=tuple(message.reasons),
         seconds=dict(zip(message.seconds.stages, message.seconds.seconds)))

@@ -14,6 +14,7 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.errors import ViewError
 
+_JUMP_NS = 10**9  # back by more than this is no sample that is late
 _KEEP_NS = 60 * 10**9  # samples older than this behind the newest are forgotten
 
 
@@ -27,6 +28,8 @@ class _Edge:
     poses: list[np.ndarray] = field(default_factory=list)
 
     def add(self, stamp_ns: int, T: np.ndarray) -> None:
+        if self.stamps and self.stamps[-1] - stamp_ns > _JUMP_NS:  # the clock was set back
+            self.stamps, self.poses = [], []
         i = bisect.bisect_left(self.stamps, stamp_ns)
         if i < len(self.stamps) and self.stamps[i] == stamp_ns:
             self.poses[i] = T

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -90,6 +91,14 @@ class Container:
     rings: np.ndarray | None = None
     form: WallForm | None = None
 
+    @property
+    def outer_size_m(self) -> tuple[float, float, float]:
+        """x and y at the rim, and from the support plane up to the rim, metres."""
+        (x, y, depth), wall = self.inner_size_m, 2 * self.wall_thickness_m
+        if not any(self.inner_size_m):
+            return (0.0, 0.0, 0.0)
+        return (x + wall, y + wall, depth + self.floor_thickness_m)
+
 
 @dataclass(frozen=True)
 class HeightMap:
@@ -166,6 +175,7 @@ class StackVolume:
         reasons: slugs that qualify the result, e.g. `no_depth`.
         seconds: time spent by stage, s.
         mesh: carved surface, world frame, for display.
+        missing_cameras: of the rig, that gave no view.
     """
 
     stamp_ns: int
@@ -181,6 +191,18 @@ class StackVolume:
     reasons: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     mesh: Mesh | None = None
+    missing_cameras: tuple[str, ...] = ()
+
+    @property
+    def overfilled(self) -> bool:
+        """Parts stand above the rim."""
+        return self.fill_level[2] > 1
+
+    def without(self, cameras: Iterable[str]) -> StackVolume:
+        """The volume of a scan to which these cameras gave nothing."""
+        missing = tuple(cameras)
+        reasons = self.reasons + (("camera_missing",) if missing else ())
+        return replace(self, missing_cameras=missing, reasons=reasons)
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,15 @@ from bags import FRAME, bag, bin_views, picture
 from stack_counter.assembler import ViewAssembler
 from stack_counter.bag.reader import BagReader, fit_config, listened
 from stack_counter.config import CollectorConfig
+from stack_counter.rig import RigAssembler, rig_of
 
 
 def load(path):
     """Topic and message of every record, and the settings that fit."""
     reader = BagReader(path)
     config = fit_config(CollectorConfig(), reader.topics)
-    return [(r.topic, r.decode()) for r in reader.records(set(listened(config)))], config
+    topics = listened(RigAssembler(rig_of(config)))
+    return [(r.topic, r.decode()) for r in reader.records(set(topics))], config
 
 
 def feed(records, config):
@@ -160,3 +162,23 @@ def test_poses_from_a_topic_are_those_of_tf(tmp_path):
     assert len(views) == len(by_tf) == 6
     for a, b in zip(views, by_tf):
         np.testing.assert_array_equal(a.T_world_camera, b.T_world_camera)
+
+
+def test_a_bag_that_is_played_again_is_not_late_for_ever(tmp_path):
+    records, config = load(bag(tmp_path))
+    views, assembler = feed(records + records, config)
+    assert len(views) == 11 and assembler.tally.skipped == {"time_backwards": 1}
+
+
+def test_a_fixed_pose_needs_no_transforms(tmp_path):
+    records, config = load(bag(tmp_path))
+    T = np.diag([1.0, -1, -1, 1])
+    assembler, views = ViewAssembler(config, T_world_camera=T), []
+    for topic, message in records:
+        takers = {config.camera_info_topic: assembler.add_camera_info,
+                  config.depth_topic: assembler.add_depth}
+        if topic != "/tf":
+            takers.get(topic, assembler.add_color)(message)
+        views += assembler.poll()
+    views += assembler.flush()
+    assert len(views) >= 1 and all(v.fixed and v.T_world_camera is T for v in views)

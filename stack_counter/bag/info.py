@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from stack_counter.assembler import ViewAssembler
-from stack_counter.bag.reader import BagReader, fit_config, read_views
+from stack_counter.bag.reader import BagReader, fit_rig, read_views
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
+from stack_counter.rig import RigAssembler, rig_of
 
 
 def describe(path: Path, config: CollectorConfig) -> str:
@@ -21,12 +21,12 @@ def describe(path: Path, config: CollectorConfig) -> str:
                           for topic, (kind, count) in reader.topics.items()]
     problems = ["the bag is cut short"] if reader.truncated else []
     try:
-        fitted = fit_config(config, reader.topics)
+        rig = fit_rig(rig_of(config), reader.topics)
     except BagError as error:
         return "\n".join([*lines, "problems", f"  {error}"])
-    assembler = ViewAssembler(fitted, live=False)
-    views = list(read_views(reader, fitted, assembler))
-    tally = assembler.tally
+    assembler = RigAssembler(rig, live=False)
+    views = [view for _, view in read_views(reader, assembler)]
+    tally, fitted = assembler.tally, rig.cameras[0].config
     lines.append(f"views    {tally.used} usable of {tally.received}"
                  + "".join(f", {n} {reason}" for reason, n in tally.skipped.items()))
     if views:
@@ -35,7 +35,7 @@ def describe(path: Path, config: CollectorConfig) -> str:
         lines += [f"frames   {views[0].camera} in {config.world_frame}",
                   f"images   {k.width}x{k.height}, depth {'yes' if fitted.depth_topic else 'no'}, "
                   f"labels {'yes' if fitted.labels_topic else 'no'}", f"duration {span:.1f} s"]
-    problems += list(assembler.last_error.values())
+    problems += assembler.last_errors
     if not fitted.depth_topic and not fitted.labels_topic:
         problems.append("neither depth nor labels: nothing to carve with")
     return "\n".join(lines + (["problems"] + [f"  {p}" for p in problems] if problems else []))

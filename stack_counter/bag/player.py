@@ -21,10 +21,11 @@ from stack_counter_msgs.srv import StartScan, StopScan
 from std_srvs.srv import Trigger
 
 from stack_counter.bag.processes import NodeError, NodeProcesses, private_environment
-from stack_counter.bag.reader import BagReader, fit_config, listened
+from stack_counter.bag.reader import BagReader, fit_rig, listened
 from stack_counter.bag.replay import Replayed, count_entry, no_count
-from stack_counter.config import NAMESPACE, CollectorConfig, Config
+from stack_counter.config import NAMESPACE, Config
 from stack_counter.counting import flagged
+from stack_counter.rig import RigAssembler, rig_of
 from stack_counter.stack_messages import from_stack_count, from_tally
 
 _AHEAD = 4  # images played that have not yet been processed
@@ -39,17 +40,26 @@ _TRANSIENT = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 class Player(Node):
     """Publishes a bag's records and follows the scan."""
 
-    def __init__(self, collector: CollectorConfig, topics: dict[str, str],
+    def __init__(self, colors: set[str], topics: dict[str, str], cycles: bool,
                  context: rclpy.context.Context):
-        """`topics`: type names by topic, those the collector listens to."""
+        """Makes publishers.
+
+        Args:
+            colors: topics of colour images.
+            topics: type names by topic, those the collector listens to.
+            cycles: scans start by themselves, one after the other.
+            context: of the private domain.
+        """
         super().__init__("player", namespace=NAMESPACE, context=context)
         self._changed = threading.Condition()
         self._collector = self._reconstructor = ScanStatus()
         self._sent = 0  # colour images played
+        self._cycles = cycles
+        self._of_cycle: dict[str, int] = {}  # images of each that is closed
+        self._done = 0  # images of cycles that the reconstructor has finished
         self.volume = StackVolume()  # the last one
         self.counts: list[StackCount] = []
-        self._color = collector.color_topic + (
-            "/compressed" if collector.color_transport == "compressed" else "")
+        self._colors = colors
         self._publishers_of: dict[str, Publisher] = {
             topic: self.create_publisher(
                 message_type(kind), topic,
@@ -67,6 +77,10 @@ class Player(Node):
 
     def _on_status(self, message: ScanStatus) -> None:
         with self._changed:
+            if message.state == ScanStatus.STOPPED and message.node == "collector":
+                self._of_cycle[message.scan_id] = message.received
+            elif message.state == ScanStatus.STOPPED:
+                self._done += self._of_cycle.get(message.scan_id, 0)
             if message.node == "collector":
                 self._collector = message
             elif message.scan_id == self._collector.scan_id:
@@ -106,6 +120,8 @@ class Player(Node):
 
     def ahead(self) -> int:
         """Images played that no node is done with: neither used nor skipped."""
+        if self._cycles:
+            return (self._sent - self._done) // len(self._colors)
         return self._sent - sum(self._collector.skip_counts) - self._reconstructor.received
 
     # --- the scan -----------------------------------------------------------------------------
@@ -142,7 +158,7 @@ class Player(Node):
             if rate:  # real time does not wait for slow nodes
                 due = begin + (record.log_time_ns - first_ns) * 1e-9 / rate
                 self.wait(lambda: False, due - time.monotonic(), check)
-            if record.topic == self._color:
+            if record.topic in self._colors:
                 if not rate and not self.wait(lambda: self.ahead() < _AHEAD, _STALL_S, check):
                     raise NodeError(f"{self.ahead()} images not yet processed and no progress "
                                     f"within {_STALL_S} s; expected less than {_AHEAD}")
@@ -152,8 +168,9 @@ class Player(Node):
         self.wait(lambda: self.ahead() <= 0, _SETTLE_S, check)
 
     def stop_scan(self, scan_id: str, check: Callable[[], None]) -> StackCount:
-        """Ends the scan; returns its final count."""
-        self.call(self._stop, StopScan.Request(), check)
+        """Ends the scan, or the last cycle; returns its final count."""
+        stopped = self.call(self._stop, StopScan.Request(), check)
+        scan_id = stopped.scan_id or scan_id
 
         def final() -> bool:
             last = self.counts[-1] if self.counts else StackCount()
@@ -191,15 +208,18 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     os.environ.update(environment)  # read by the DDS library when the context starts
     context = rclpy.context.Context()
     reader = BagReader(path)
-    collector = fit_config(config.collector, reader.topics)
+    rig = fit_rig(rig_of(config.collector), reader.topics)
+    cycles = config.collector.mode == "cycle"
+    collector = config.collector if config.collector.rig else rig.cameras[0].config
     # All that the bag has will come, however slowly: only what it lacks is not worth a long wait.
     posed = {"/tf", "/tf_static", collector.pose_topic} & set(reader.topics)
-    if posed and collector.camera_info_topic in reader.topics:
+    if posed and all(c.config.camera_info_topic in reader.topics for c in rig.cameras):
         collector = replace(collector, tf_timeout_s=_PATIENT_S)
-    wanted = {name: reader.topics[name][0] for name in listened(collector)
+    assembler = RigAssembler(rig)
+    wanted = {name: reader.topics[name][0] for name in listened(assembler)
               if name in reader.topics}
     rclpy.init(context=context, domain_id=int(environment["ROS_DOMAIN_ID"]))
-    player = Player(collector, wanted, context)
+    player = Player(set(assembler.color_topics()), wanted, cycles, context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(player)
     spinner = threading.Thread(target=_spin, args=(executor,), daemon=True)
@@ -226,11 +246,14 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
         count = flagged(count, "bag_truncated")
     seconds = {"load": loaded - begin, "read": played - loaded,
                "total": time.perf_counter() - begin}
+    errors = tuple(m.error for m in player.counts if m.error)
     by_stamp = {c.volume.stamp_ns: count_entry(c) for c in
-                (from_stack_count(m, StackVolume(header=m.header)) for m in player.counts
-                 if not m.error)}
+                (from_stack_count(m, StackVolume(header=m.header,
+                                                 missing_cameras=m.missing_cameras))
+                 for m in player.counts if not m.error)}
     return Replayed(replace(count, seconds={**count.seconds, **seconds}),
-                    list(by_stamp.values()) if config.reconstructor.live else [])
+                    list(by_stamp.values()) if config.reconstructor.live or cycles else [],
+                    errors)
 
 
 def _spin(executor: SingleThreadedExecutor) -> None:

@@ -13,10 +13,10 @@ from typing import Any
 import yaml
 from mcap_ros2.decoder import DecoderFactory
 
-from stack_counter.assembler import ViewAssembler
 from stack_counter.bag.mcap_file import McapFile, RawMessage
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
+from stack_counter.rig import Rig, RigAssembler
 from stack_counter.types import View
 
 LABELS_TOPIC = "/camera/labels"
@@ -124,7 +124,7 @@ def _paths(path: Path) -> list[Path]:
 
 
 def fit_config(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> CollectorConfig:
-    """The settings with topics and transports that the bag has.
+    """The settings of one camera with topics and transports that the bag has.
 
     Raises:
         BagError: no colour images.
@@ -140,27 +140,36 @@ def fit_config(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> C
         labels_topic=labels if labels in topics else "")
 
 
-def listened(config: CollectorConfig) -> list[str]:
-    """The topics that a collector with these settings listens to."""
-    suffix = "/compressed" if config.color_transport == "compressed" else ""
-    poses = [config.pose_topic] if config.pose_source == "topic" else ["/tf", "/tf_static"]
-    return [topic for topic in (config.color_topic + suffix, config.camera_info_topic,
-                                config.depth_topic, config.labels_topic, *poses) if topic]
+def fit_rig(rig: Rig, topics: dict[str, tuple[str, int]]) -> Rig:
+    """One camera with topics and transports that the bag has; a rig file's as they are.
+
+    Raises:
+        BagError: no colour images of any camera.
+    """
+    if len(rig.cameras) == 1:
+        camera = rig.cameras[0]
+        return replace(rig, cameras=(replace(camera, config=fit_config(camera.config, topics)),))
+    wanted = RigAssembler(rig).color_topics()
+    if not set(wanted) & set(topics):
+        raise BagError(f"no images on {', '.join(wanted)}; the bag has "
+                       f"{', '.join(topics) or 'no topics'}")
+    return rig
 
 
-def read_views(reader: BagReader, config: CollectorConfig, assembler: ViewAssembler
-               ) -> Iterator[View]:
-    """Feeds a bag to an assembler; yields its views in stamp order.
+def listened(assembler: RigAssembler) -> list[str]:
+    """The topics that a collector of these cameras listens to."""
+    return [*assembler.takers(), *(("/tf", "/tf_static") if assembler.needs_tf else ())]
+
+
+def read_views(reader: BagReader, assembler: RigAssembler) -> Iterator[tuple[str, View]]:
+    """Feeds a bag to the cameras' assemblers; yields camera names and views, of each camera in
+    stamp order.
 
     Raises:
         BagError: a message does not decode.
     """
-    wanted = listened(config)
-    takers: dict[str, Callable[[Any], None]] = {
-        wanted[0]: assembler.add_color, config.camera_info_topic: assembler.add_camera_info,
-        config.depth_topic: assembler.add_depth, config.labels_topic: assembler.add_labels,
-        config.pose_topic: assembler.add_pose}
-    for record in reader.records(set(wanted)):
+    takers = assembler.takers()
+    for record in reader.records(set(listened(assembler))):
         try:
             message = record.decode()
         except Exception as error:  # the decoder's errors are of many classes
@@ -168,7 +177,7 @@ def read_views(reader: BagReader, config: CollectorConfig, assembler: ViewAssemb
         if record.topic in ("/tf", "/tf_static"):
             for transform in message.transforms:
                 assembler.add_transform(transform, record.topic == "/tf_static")
-        else:
-            takers[record.topic](message)
+        for _, take in takers.get(record.topic, ()):
+            take(message)
         yield from assembler.poll()
     yield from assembler.flush()

@@ -4,37 +4,43 @@ empty container from one: `container teach`."""
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
 from typing import Any
 
-from stack_counter.assembler import ViewAssembler
-from stack_counter.bag.reader import BagReader, fit_config, read_views
+from stack_counter.bag.reader import BagReader, fit_rig, read_views
 from stack_counter.config import CollectorConfig, Config
 from stack_counter.container_catalogue import TaughtContainer, taught_from
 from stack_counter.counting import flagged
+from stack_counter.cycles import Cycle, CycleFormer
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.occupancy import make_estimator
+from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.pipeline import StackCounter, count_stack, joined_tally
+from stack_counter.rig import RigAssembler, rig_of
 from stack_counter.segmentation.prompts import read_prompts
 from stack_counter.segmentation.scan_labels import ScanLabels
-from stack_counter.types import StackCount, StackVolume, ViewTally
+from stack_counter.types import StackCount, StackVolume, View, ViewTally
 
 
 @dataclass(frozen=True)
 class Replayed:
-    """The final count, and in continuous mode one `{stamp_ns, count, count_interval}` a view."""
+    """The final count, and one `{stamp_ns, count, count_interval}` a view in continuous mode, a
+    cycle in cycle mode."""
 
     count: StackCount
     counts: list[dict[str, Any]] = field(default_factory=list)
+    errors: tuple[str, ...] = ()  # of cycles that gave no count
 
 
 def count_entry(count: StackCount) -> dict[str, Any]:
     """One entry of the JSON key `counts`."""
+    missing = list(count.volume.missing_cameras)
     return {"stamp_ns": count.volume.stamp_ns, "count": count.count,
-            "count_interval": list(count.count_interval)}
+            "count_interval": list(count.count_interval),
+            **({"missing_cameras": missing} if missing else {})}
 
 
 def no_count(error: str, tally: ViewTally, hints: list[str]) -> ScanError:
@@ -53,11 +59,11 @@ def check_prompts(path: Path, config: Config) -> None:
     """
     ScanLabels(config.reconstructor)  # or say why not
     reader = BagReader(path)
-    collector = fit_config(config.collector, reader.topics)
-    first = next(read_views(reader, collector, ViewAssembler(collector, live=False)), None)
-    if first is not None:
+    assembler = RigAssembler(fit_rig(rig_of(config.collector), reader.topics), live=False)
+    for _, first in read_views(reader, assembler):
         read_prompts(config.reconstructor.prompts).check(first.intrinsics.width,
                                                          first.intrinsics.height)
+        return
 
 
 def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
@@ -80,6 +86,9 @@ def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
     stack.reset(unit_volume)
     loaded = time.perf_counter()
     confidence, counts = config.counter.confidence, []
+
+    if config.collector.mode == "cycle":
+        return _replay_cycles(path, config, stack, unit_volume, estimator, on_view)
 
     def after_view() -> None:
         on_view()
@@ -118,10 +127,9 @@ def _volume(stack: StackCounter, path: Path, collector: CollectorConfig, rate: f
     """V of all the views of a bag with their tally, and whether the bag is cut short."""
     begin = time.perf_counter()
     reader = BagReader(path)
-    collector = fit_config(collector, reader.topics)
-    assembler = ViewAssembler(collector, live=False)
+    assembler = RigAssembler(fit_rig(rig_of(collector), reader.topics), live=False)
     first_ns: int | None = None
-    for view in read_views(reader, collector, assembler):
+    for _, view in read_views(reader, assembler):
         first_ns = view.stamp_ns if first_ns is None else first_ns
         if rate:
             due = begin + (view.stamp_ns - first_ns) * 1e-9 / rate
@@ -135,4 +143,41 @@ def _volume(stack: StackCounter, path: Path, collector: CollectorConfig, rate: f
     try:
         return replace(stack.volume(), views=tally), reader.truncated
     except ScanError as error:
-        raise no_count(str(error), tally, list(assembler.last_error.values())) from error
+        raise no_count(str(error), tally, assembler.last_errors) from error
+
+
+def _replay_cycles(path: Path, config: Config, stack: StackCounter, unit_volume: float,
+                   estimator: OccupancyEstimator, on_view: Callable[[], None]) -> Replayed:
+    """Counts each cycle of a rig's cameras; the last count is the result's."""
+    reader = BagReader(path)
+    rig = fit_rig(rig_of(config.collector), reader.topics)
+    assembler = RigAssembler(rig, live=False)
+    former = CycleFormer([c.name for c in rig.cameras], rig.tolerance_s, rig.timeout_s)
+    last, counts, errors = None, [], []
+    for cycle in formed(read_views(reader, assembler), former):
+        stack.reset(unit_volume)
+        for name in former.cameras:
+            with suppress(ViewError):  # counted in the tally
+                if name in cycle.views:
+                    stack.add_view(cycle.views[name])
+                    on_view()
+        try:
+            volume = stack.volume().without(former.missing(cycle))
+        except ScanError as error:
+            errors.append(f"cycle at {cycle.stamp_ns} ns: {error}")
+            continue
+        last = count_stack(volume, unit_volume, estimator, config.counter.confidence)
+        counts.append(count_entry(last))
+    if last is None:
+        raise no_count(errors[0] if errors else "0 cycles; expected one or more",
+                       assembler.tally, assembler.last_errors)
+    return Replayed(flagged(last, *(["bag_truncated"] if reader.truncated else [])), counts,
+                    tuple(errors))
+
+
+def formed(views: Iterable[tuple[str, View]], former: CycleFormer) -> Iterator[Cycle]:
+    """The cycles that views of a rig's cameras make; one that is late is left out."""
+    for name, view in views:
+        with suppress(ViewError):
+            yield from former.add(name, view)
+    yield from former.flush()

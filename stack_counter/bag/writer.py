@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -74,6 +74,30 @@ def write_bag(path: Path, views: Iterable[View], transforms: Sequence[Transform]
     messages += [_tf(*transform) for transform in transforms or ()]
     _write(path, sorted(messages, key=lambda message: message[0]))
     return count
+
+
+def write_rig_bag(path: Path, cameras: Mapping[str, Sequence[View]],
+                  static: Sequence[Transform] = ()) -> None:
+    """Writes the views of several cameras, each below a topic of its name.
+
+    Args:
+        path: a new folder.
+        cameras: views by camera name.
+        static: transforms of /tf_static.
+
+    Raises:
+        BagError: the path exists.
+    """
+    if path.exists():
+        raise BagError(f"{path} exists; expected a new path")
+    messages: list[_Message] = [_tf(*transform, topic="/tf_static") for transform in static]
+    for name, views in cameras.items():
+        for view in views:
+            header = _header(view.stamp_ns, view.camera)
+            messages += [(stamp, topic.replace("/camera", f"/{name}", 1), kind, message)
+                         for stamp, topic, kind, message in
+                         [*_images(view, header), _jpeg(view, header, None)]]
+    _write(path, sorted(messages, key=lambda message: message[0]))
 
 
 def _write(path: Path, messages: list[_Message]) -> None:

@@ -1,5 +1,5 @@
-"""How well the continuous mode follows a robot that takes parts out: one fixed camera, a view after
-each pick.
+"""How well the continuous mode follows a robot that takes parts out: one fixed camera, a view
+after each pick.
 
     stack-counter evaluate live --set unseen --scenes 10
 """

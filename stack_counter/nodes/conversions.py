@@ -79,13 +79,14 @@ def to_camera_info(k: Intrinsics, header: Header) -> CameraInfo:
     return info
 
 
-def to_posed_image(view: View, world_frame: str, scan_id: str, part: str, unit_volume: float
-                   ) -> PosedImage:
-    """A view as the collector sends it on."""
+def to_posed_image(view: View, world_frame: str, scan_id: str, part: str, unit_volume: float,
+                   camera: str = "") -> PosedImage:
+    """A view as the collector sends it on; `camera`: its name in the rig."""
     header = to_header(view.stamp_ns, view.camera)
     return PosedImage(
         header=header, scan_id=scan_id, part=part, unit_volume=unit_volume,
-        world_frame=world_frame, camera_fixed=view.fixed, pose=to_pose(view.T_world_camera),
+        world_frame=world_frame, camera=camera, camera_fixed=view.fixed,
+        pose=to_pose(view.T_world_camera),
         camera_info=to_camera_info(view.intrinsics, header),
         color=to_image(view.color, "rgb8", header), depth=to_image(view.depth, "32FC1", header),
         labels=to_image(view.labels, "mono8", header))
@@ -96,8 +97,9 @@ def to_container(c: Container) -> ContainerMsg:
     message = ContainerMsg(kind=c.kind, pose=to_pose(c.T_world_container),
                            wall_thickness=c.wall_thickness_m,
                            floor_thickness=c.floor_thickness_m)
-    size = message.inner_size
-    size.x, size.y, size.z = c.inner_size_m
+    inner, outer = message.inner_size, message.outer_size
+    inner.x, inner.y, inner.z = c.inner_size_m
+    outer.x, outer.y, outer.z = c.outer_size_m
     return message
 
 
@@ -139,7 +141,9 @@ def to_stack_volume(v: StackVolume, world_frame: str, request: PosedImage, final
         header=to_header(v.stamp_ns, world_frame), scan_id=request.scan_id, final=final,
         part=request.part, unit_volume=request.unit_volume, stack_volume=v.stack_volume,
         stack_volume_std=v.stack_volume_std, container=to_container(v.container),
-        coverage=v.coverage, top=to_height_map(v.top), inner=to_height_map(v.inner),
+        coverage=v.coverage, overfilled=v.overfilled,
+        missing_cameras=list(v.missing_cameras), top=to_height_map(v.top),
+        inner=to_height_map(v.inner),
         has_key_view=v.key_view is not None, views=to_tally(v.views), reasons=list(v.reasons),
         seconds=to_seconds(v.seconds))
     message.fill_level_min, message.fill_level_mean, message.fill_level_max = v.fill_level
@@ -165,5 +169,6 @@ def failed_count(error: str, request: StackVolumeMsg) -> StackCountMsg:
         header=request.header, scan_id=request.scan_id, final=request.final, part=request.part,
         unit_volume=request.unit_volume, confidence=math.nan, gamma=math.nan, gamma_std=math.nan,
         stack_volume=request.stack_volume, stack_volume_std=request.stack_volume_std,
-        container=request.container, views=request.views, status=StackCountMsg.STATUS_ERROR,
+        container=request.container, views=request.views,
+        missing_cameras=request.missing_cameras, status=StackCountMsg.STATUS_ERROR,
         reasons=request.reasons, error=error, seconds=request.seconds)

@@ -1,140 +1,256 @@
-"""The action `count_stack`: start a scan, wait for its views, stop it, answer with the count."""
+"""The action `count_stack`, and the same through services: start a scan, wait for its views, stop
+it, answer with the count and its verdict."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.lifecycle import LifecycleNode
 from rclpy.task import Future
 from stack_counter_msgs.action import CountStack
 from stack_counter_msgs.msg import ScanStatus, StackCount
-from stack_counter_msgs.srv import StartScan, StopScan
+from stack_counter_msgs.srv import GetCount, StartCount, StartScan, StopScan
+from std_srvs.srv import Trigger
 
-from stack_counter.counting import verdict
-from stack_counter.nodes.base import RELIABLE
+from stack_counter.config import CounterConfig
+from stack_counter.errors import PartError
+from stack_counter.nodes.base import RELIABLE, ManagedNode
+from stack_counter.nodes.verdicts import with_verdict
+from stack_counter.parts import resolve_unit_volume
 
 _COLLECTOR_WITHIN_S = 5.0  # a collector that is just starting is waited for
+_ANSWER_WITHIN_S = 10.0  # of a service
 _COUNT_WITHIN_S = 20.0  # from the end of the scan to the count
-_VERDICTS = {"none": StackCount.VERDICT_NONE, "pass": StackCount.VERDICT_PASS,
-             "fail": StackCount.VERDICT_FAIL, "unsure": StackCount.VERDICT_UNSURE}
+
+
+class Job:
+    """One count that is running: what was asked, and what has come so far."""
+
+    def __init__(self, request: Any, tell: Callable[[CountStack.Feedback], None]):
+        self.request, self.tell = request, tell
+        self.scan_id: str | None = None  # None: not started; empty: the next scan, whatever its id
+        self.enough, self.counted = Future(), Future()
+        self.feedback = CountStack.Feedback()
+        self.running = StackCount()
+
+    def end(self, why: str) -> None:
+        """The scan ends, if it has not."""
+        if not self.enough.done():
+            self.enough.set_result(why)
 
 
 class CountAction:
-    """One goal at a time; every wait is a future that a callback or a timer completes."""
+    """One job at a time; every wait is a future that a callback or a timer completes."""
 
-    def __init__(self, node: LifecycleNode, confidence: float):
-        self._node = node
-        self._default_confidence = self.confidence = confidence
-        self._goal: ServerGoalHandle | None = None
-        self._busy = False
-        self._scan_id = ""
-        self._enough = self._counted = Future()
+    def __init__(self, node: ManagedNode, config: CounterConfig):
+        self._node, self.config = node, config
+        self._job: Job | None = None
+        self._last = GetCount.Response(message="nothing was counted yet")
+        self.rejected = ""  # why the last request was
         group = ReentrantCallbackGroup()
         self._start = node.create_client(StartScan, "start_scan", callback_group=group)
         self._stop = node.create_client(StopScan, "stop_scan", callback_group=group)
-        self._statuses = node.create_subscription(ScanStatus, "scan_status", self._on_status,
-                                                  RELIABLE, callback_group=group)
+        self._made = [
+            (node.destroy_subscription, node.create_subscription(
+                ScanStatus, "scan_status", self._on_status, RELIABLE, callback_group=group)),
+            (node.destroy_service, node.create_service(
+                StartCount, "start_count", self._start_count, callback_group=group)),
+            (node.destroy_service, node.create_service(
+                GetCount, "get_count", self._get_count, callback_group=group)),
+            (node.destroy_service, node.create_service(
+                Trigger, "cancel_count", self._cancel_count, callback_group=group)),
+            (node.destroy_client, self._start), (node.destroy_client, self._stop)]
         self._server = ActionServer(
             node, CountStack, "count_stack", self._execute, callback_group=group,
             goal_callback=self._on_goal, cancel_callback=self._on_cancel)
 
     def destroy(self) -> None:
-        """Gives back what the node lent."""
+        """Gives back what the node lent; a job that runs ends."""
+        if self._job is not None:
+            self._job.end("cancelled")
         self._server.destroy()
-        self._node.destroy_subscription(self._statuses)
-        self._node.destroy_client(self._start)
-        self._node.destroy_client(self._stop)
+        for destroy, made in self._made:
+            destroy(made)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a count is running."""
+        return self._job is not None
+
+    def confidence_of(self, scan_id: str) -> float:
+        """What a scan's interval shall hold the truth with: as its job asks, else the setting."""
+        job = self._job
+        mine = job is not None and job.scan_id in ("", scan_id)
+        return (job.request.confidence if mine and job is not None else 0.0) \
+            or self.config.confidence
 
     def on_count(self, count: StackCount) -> None:
-        """The counter has counted; the goal's scan is answered by its own count."""
-        if self._busy and count.scan_id == self._scan_id and not self._counted.done() \
-                and self._enough.done():
-            self._counted.set_result(count)
-
-    def _on_goal(self, goal: CountStack.Goal) -> GoalResponse:
-        if self._busy or goal.timeout <= 0 or not 0 <= goal.confidence < 1 \
-                or (goal.max_views and goal.max_views < goal.min_views):
-            self._node.get_logger().warning(
-                "goal rejected: another is running" if self._busy else
-                f"goal rejected: timeout {goal.timeout}, confidence {goal.confidence}, views "
-                f"{goal.min_views} to {goal.max_views}; expected above 0, 0 to 1, and min <= max")
-            return GoalResponse.REJECT
-        self._busy = True
-        return GoalResponse.ACCEPT
-
-    def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
-        if not self._enough.done():
-            self._enough.set_result("cancelled")
-        return CancelResponse.ACCEPT
+        """The counter has counted; a job's scan is answered by its own count."""
+        job = self._job
+        if job is None or job.scan_id is None or (job.scan_id and count.scan_id != job.scan_id):
+            return
+        if count.final:
+            if not job.counted.done():
+                job.counted.set_result(count)
+                job.end("scan ended")
+        elif not count.error:
+            job.running = count
+            f = job.feedback
+            f.count, f.count_low, f.count_high = count.count, count.count_low, count.count_high
+            f.stack_volume = count.stack_volume
+            job.tell(f)
 
     def _on_status(self, status: ScanStatus) -> None:
         """Feedback, and the end of the scan once enough views are in."""
-        if self._goal is None or status.scan_id != self._scan_id \
+        job = self._job
+        if job is None or not job.scan_id or status.scan_id != job.scan_id \
                 or status.node != "reconstructor":
             return
-        feedback = CountStack.Feedback(coverage=status.coverage, stack_volume=status.stack_volume)
-        feedback.views.received, feedback.views.used = status.received, status.processed
-        feedback.views.skip_reasons = status.skip_reasons
-        feedback.views.skip_counts = status.skip_counts
-        if self._goal.is_active:
-            self._goal.publish_feedback(feedback)
-        most = self._goal.request.max_views
-        if most and status.processed >= most and not self._enough.done():
-            self._enough.set_result("views")
+        f = job.feedback
+        f.coverage, f.stack_volume = status.coverage, status.stack_volume
+        f.views.received, f.views.used = status.received, status.processed
+        f.views.skip_reasons, f.views.skip_counts = status.skip_reasons, status.skip_counts
+        job.tell(f)
+        if job.request.max_views and status.processed >= job.request.max_views:
+            job.end("views")
+
+    # --- asked by action ----------------------------------------------------------------------
+
+    def _on_goal(self, goal: CountStack.Goal) -> GoalResponse:
+        self.rejected = self._objection(goal)
+        if self.rejected:
+            self._node.get_logger().warning(f"goal rejected: {self.rejected}")
+            return GoalResponse.REJECT
+        self._job = Job(goal, lambda feedback: None)
+        return GoalResponse.ACCEPT
+
+    def _objection(self, asked: Any) -> str:
+        """Why it cannot be counted now; empty if it can."""
+        if not self._node.active:
+            return "the counter is not active; expected an active node"
+        if self.busy:
+            return "another count is running; expected one at a time"
+        if not (math.isfinite(asked.timeout) and asked.timeout >= 0 and 0 <= asked.confidence < 1):
+            return (f"timeout {asked.timeout} s, confidence {asked.confidence}; expected 0 or "
+                    "more, and 0 to 1")
+        if asked.max_views and asked.max_views < asked.min_views:
+            return (f"{asked.min_views} to {asked.max_views} views; expected a maximum of 0 "
+                    "(none) or at least the minimum")
+        try:
+            if asked.part or asked.unit_volume:
+                resolve_unit_volume(asked.part, asked.unit_volume)
+            else:
+                resolve_unit_volume(self.config.part, self.config.unit_volume_m3)
+        except PartError as error:
+            return str(error)
+        return ""
+
+    def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        if self._job is not None:
+            self._job.end("cancelled")
+        return CancelResponse.ACCEPT
 
     async def _execute(self, goal: ServerGoalHandle) -> CountStack.Result:
-        request = goal.request
-        self._goal, self._enough, self._counted = goal, Future(), Future()
-        self.confidence = request.confidence or self._default_confidence
-        try:
-            return await self._scan(goal, request)
-        finally:
-            self._goal, self._busy, self.confidence = None, False, self._default_confidence
+        job = self._job
+        assert job is not None  # for the type checker: made when the goal was accepted
+        job.tell = lambda feedback: goal.publish_feedback(feedback) if goal.is_active else None
+        answer = await self._answered(job)
+        if answer.success:
+            goal.succeed()
+        elif goal.is_cancel_requested:
+            goal.canceled()
+        else:
+            goal.abort()
+        return CountStack.Result(count=answer.count, success=answer.success,
+                                 message=answer.message)
 
-    async def _scan(self, goal: ServerGoalHandle, request: CountStack.Goal) -> CountStack.Result:
+    # --- asked by service ---------------------------------------------------------------------
+
+    def _start_count(self, request: StartCount.Request, response: StartCount.Response
+                     ) -> StartCount.Response:
+        self.rejected = response.message = self._objection(request)
+        response.accepted = not self.rejected
+        if response.accepted:
+            self._job = Job(request, lambda feedback: None)
+            self._node.executor.create_task(self._answered(self._job))
+        return response
+
+    def _get_count(self, request: GetCount.Request, response: GetCount.Response
+                   ) -> GetCount.Response:
+        job = self._job
+        if job is None:
+            return self._last
+        response.running, response.count = True, job.running
+        response.message = f"{job.feedback.views.used} views used"
+        return response
+
+    def _cancel_count(self, request: Trigger.Request, response: Trigger.Response
+                      ) -> Trigger.Response:
+        response.success = self._job is not None
+        response.message = "" if self._job is not None else "nothing is counted; expected a count"
+        if self._job is not None:
+            self._job.end("cancelled")
+        return response
+
+    # --- the count ----------------------------------------------------------------------------
+
+    async def _answered(self, job: Job) -> GetCount.Response:
+        """The job's answer; then the next one can come."""
+        answer = GetCount.Response()
+        try:
+            count, answer.message = await self._counted(job)
+            if count is not None:
+                answer.count, answer.success = count, True
+            else:
+                self._node.get_logger().error(f"count_stack: {answer.message}")
+            return answer
+        finally:
+            self._job, self._last = None, answer
+
+    async def _counted(self, job: Job) -> tuple[StackCount | None, str]:
+        """The count, or None; and a line that says how it ended."""
+        asked = job.request
         for _ in range(round(_COLLECTOR_WITHIN_S / 0.1)):
-            if self._start.service_is_ready():
+            if self._start.service_is_ready() or job.enough.done():
                 break
             await self._within(Future(), 0.1, None)
-        else:
-            return self._failed(goal, "no collector offers start_scan; expected one running")
-        started = await self._start.call_async(
-            StartScan.Request(part=request.part, unit_volume=request.unit_volume))
-        if not started.accepted:
-            return self._failed(goal, started.message)
-        self._scan_id = started.scan_id
-        ended = await self._within(self._enough, request.timeout, "timeout")
-        await self._stop.call_async(StopScan.Request())
+        if job.enough.done():
+            return None, job.enough.result()
+        if not self._start.service_is_ready():
+            return None, "no collector offers start_scan; expected one running"
+        started = await self._within(self._start.call_async(StartScan.Request(
+            part=asked.part, unit_volume=asked.unit_volume)), _ANSWER_WITHIN_S, None)
+        if started is None or not started.accepted:
+            return None, started.message if started else "start_scan gave no answer"
+        job.scan_id = started.scan_id
+        ended = await self._within(job.enough, asked.timeout or self.config.timeout_s, "timeout")
+        if not job.counted.done() and started.scan_id:
+            await self._within(self._stop.call_async(StopScan.Request()), _ANSWER_WITHIN_S, None)
         if ended == "cancelled":
-            goal.canceled()
-            return CountStack.Result(message="cancelled")
-        count = await self._within(self._counted, _COUNT_WITHIN_S, None)
+            return None, "cancelled"
+        count = await self._within(job.counted, _COUNT_WITHIN_S, None)
         if count is None:
-            return self._failed(goal, f"no count within {_COUNT_WITHIN_S} s of the scan's end")
+            return None, f"no count within {_COUNT_WITHIN_S} s of the scan's end ({ended})"
         if count.error:
-            return self._failed(goal, count.error)
-        if count.views.used < request.min_views:
-            return self._failed(goal, f"{count.views.used} views used; expected at least "
-                                      f"{request.min_views}")
-        count.verdict = _VERDICTS[verdict((count.count_low, count.count_high),
-                                          request.expected_count, request.tolerance)]
-        goal.succeed()
-        return CountStack.Result(count=count, success=True, message=f"ended by {ended}")
+            return None, count.error
+        if count.views.used < asked.min_views:
+            return None, f"{count.views.used} views used; expected at least {asked.min_views}"
+        count, why = with_verdict(count, asked.expected_count, asked.tolerance)
+        return count, f"{why}; ended by {ended}"
 
     async def _within(self, future: Future, seconds: float, otherwise: Any) -> Any:
         """The future's result, or `otherwise` after that time."""
+        timed = Future()
         timer = self._node.create_timer(
-            seconds, lambda: None if future.done() else future.set_result(otherwise),
-            callback_group=ReentrantCallbackGroup())
+            seconds, lambda: None if timed.done() else timed.set_result(otherwise),
+            callback_group=ReentrantCallbackGroup(), clock=self._node.steady)
+        future.add_done_callback(
+            lambda f: None if timed.done() else timed.set_result(f.result()))
         try:
-            return await future
+            return await timed
         finally:
             self._node.destroy_timer(timer)
-
-    def _failed(self, goal: ServerGoalHandle, message: str) -> CountStack.Result:
-        self._node.get_logger().error(f"count_stack: {message}")
-        goal.abort()
-        return CountStack.Result(message=message)

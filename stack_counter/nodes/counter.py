@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from collections.abc import Mapping
+
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from stack_counter_msgs.msg import StackCount, StackVolume
-from std_msgs.msg import Header
 
 from stack_counter.config import CounterConfig
 from stack_counter.errors import StackCounterError
+from stack_counter.messages import stamp_ns
 from stack_counter.nodes.base import LATCHED, ManagedNode, run
 from stack_counter.nodes.conversions import failed_count, to_stack_count
 from stack_counter.nodes.count_action import CountAction
+from stack_counter.nodes.diagnostics import ERROR, OK, WARN
+from stack_counter.nodes.verdicts import with_verdict
 from stack_counter.occupancy import make_estimator
 from stack_counter.parts import resolve_unit_volume
 from stack_counter.pipeline import count_stack
 from stack_counter.stack_messages import from_stack_volume
 
-_LEVELS = {StackCount.STATUS_OK: DiagnosticStatus.OK,
-           StackCount.STATUS_DEGRADED: DiagnosticStatus.WARN,
-           StackCount.STATUS_ERROR: DiagnosticStatus.ERROR}
+_LEVELS = {StackCount.STATUS_OK: OK, StackCount.STATUS_DEGRADED: WARN,
+           StackCount.STATUS_ERROR: ERROR}
 
 
 class CounterNode(ManagedNode[CounterConfig]):
@@ -31,25 +33,40 @@ class CounterNode(ManagedNode[CounterConfig]):
     def setup(self, config: CounterConfig) -> None:
         """Loads the estimator and connects it."""
         self._config = config
+        if config.part or config.unit_volume_m3:
+            resolve_unit_volume(config.part, config.unit_volume_m3)  # or say why not
         self._estimator = make_estimator(config)
         self._last: StackCount | None = None
         self._count = self.advertise(StackCount, "count", LATCHED)
-        self._diagnostics = self.advertise(DiagnosticArray, "/diagnostics", QoSProfile(depth=1))
         # Latched, so that a counter that starts late still counts the last volume; deep, so
         # that no volume of the continuous mode is lost.
         self.subscribe(StackVolume, "volume", self._on_volume,
                        QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL))
-        self._action = CountAction(self, self._config.confidence)
+        self._action = CountAction(self, config)
         self.undo_with(self._action.destroy)
-        self.tick(1.0, self._diagnose)
+        self.undo_with(self._free)
+
+    def _free(self) -> None:
+        """Gives back the memory of the network."""
+        del self._estimator
+
+    def adjust(self, config: CounterConfig) -> None:
+        """Part, confidence and what is expected hold from the next count on."""
+        if config.part or config.unit_volume_m3:
+            resolve_unit_volume(config.part, config.unit_volume_m3)
+        self._config = self._action.config = config
 
     def _on_volume(self, message: StackVolume) -> None:
-        self._last = self._counted(message)
-        self._last.weights = self._config.weights or "shipped"
-        self._count.publish(self._last)
-        if self._last.error:
-            self.get_logger().error(f"scan '{message.scan_id}': {self._last.error}")
-        self._action.on_count(self._last)
+        count = self._counted(message)
+        count.weights = self._config.weights or "shipped"
+        count.age = (self.get_clock().now().nanoseconds - stamp_ns(message.header.stamp)) * 1e-9
+        if not count.error:
+            count, _ = with_verdict(count, self._config.expected_count, self._config.tolerance)
+        self._last = count
+        self._count.publish(count)
+        if count.error:
+            self.get_logger().error(f"scan '{message.scan_id}': {count.error}")
+        self._action.on_count(count)
 
     def _counted(self, message: StackVolume) -> StackCount:
         if message.error:
@@ -60,26 +77,39 @@ class CounterNode(ManagedNode[CounterConfig]):
         try:
             unit_volume = resolve_unit_volume(part, unit_volume)
             result = count_stack(from_stack_volume(message), unit_volume, self._estimator,
-                                 self._action.confidence)
+                                 self._action.confidence_of(message.scan_id))
         except StackCounterError as error:
             return failed_count(str(error), message)
         return to_stack_count(result, message)
 
-    def _diagnose(self) -> None:
+    def findings(self) -> list[tuple[bytes, str]]:
+        """What the last count is worth, and why the last goal was refused."""
+        found = []
         last = self._last
-        status = DiagnosticStatus(name="stack_counter: count", hardware_id="",
-                                  level=DiagnosticStatus.OK, message="no scan yet")
         if last is not None:
-            status.level = _LEVELS[last.status]
             reasons = ", ".join(last.reasons) or "ok"
-            status.message = last.error or f"{last.count} parts ({reasons})"
+            found.append((_LEVELS[last.status], last.error or f"{last.count} parts ({reasons})"))
+        if self._action.rejected:
+            found.append((WARN, f"the last goal was rejected: {self._action.rejected}"))
+        return found or [(OK, "no scan yet")]
+
+    def figures(self) -> Mapping[str, object]:
+        """The last count in numbers, who said it, and how long it took."""
+        values: dict[str, object] = {"counting": self._action.busy,
+                                     "estimator": self._estimator.name,
+                                     "weights": self._config.weights or "shipped"}
+        last = self._last
+        if last is not None:
             skipped = dict(zip(last.views.skip_reasons, last.views.skip_counts))
-            status.values = [KeyValue(key=key, value=str(value)) for key, value in (
-                ("scan_id", last.scan_id), ("estimator", last.estimator),
-                ("views received", last.views.received), ("views used", last.views.used),
-                *((f"skipped: {reason}", number) for reason, number in skipped.items()))]
-        header = Header(stamp=self.get_clock().now().to_msg())
-        self._diagnostics.publish(DiagnosticArray(header=header, status=[status]))
+            values |= {
+                "scan_id": last.scan_id, "count": last.count, "count_low": last.count_low,
+                "count_high": last.count_high, "age s": float(last.age),
+                "missing cameras": ", ".join(last.missing_cameras),
+                "views received": last.views.received, "views used": last.views.used,
+                **{f"seconds {stage}": float(s) for stage, s in
+                   zip(last.seconds.stages, last.seconds.seconds)},
+                **{f"skipped: {reason}": number for reason, number in skipped.items()}}
+        return values
 
 
 def main() -> None:

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
 from stack_counter_msgs.msg import PosedImage, ScanStatus, StackVolume
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from stack_counter.config import ReconstructorConfig
-from stack_counter.errors import ScanError, StackCounterError, ViewError
+from stack_counter.errors import ScanError, ViewError
 from stack_counter.nodes.base import LATCHED, RELIABLE, ManagedNode, run
 from stack_counter.nodes.conversions import to_header, to_stack_volume, to_tally
+from stack_counter.nodes.diagnostics import WARN, Rate
 from stack_counter.nodes.markers import container_markers, surface_points
 from stack_counter.pipeline import StackCounter, joined_tally
 from stack_counter.stack_messages import from_posed_image
 from stack_counter.types import ViewTally
 
+_OLD_S = 10.0  # without a view in continuous mode
 _LOST_AFTER_S = 5.0  # a scan that was stopped waits this long for images on their way
 
 
@@ -37,7 +39,10 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self._scan: PosedImage | None = None  # first image of the scan; None between scans
         self._received = 0
         self._stopped: ScanStatus | None = None
-        self._stopped_at = 0.0
+        self._stopped_at = self._ran_at = 0.0
+        self._last_volume = math.nan  # of this scan so far, m3
+        self._images_in, self._took_s = Rate(), 0.0
+        self.undo_with(self._free)
         self._volume = self.advertise(StackVolume, "volume", LATCHED)
         self._status = self.advertise(ScanStatus, "scan_status", RELIABLE)
         self._markers = self.advertise(MarkerArray, "container_marker", LATCHED)
@@ -45,10 +50,17 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self._images = self.subscribe(PosedImage, "posed_images", self._on_image, RELIABLE)
         self.subscribe(ScanStatus, "scan_status", self._on_status, RELIABLE)
         self.serve(Trigger, "reset_reconstruction", self._reset)
-        self.add_on_set_parameters_callback(self._on_parameters)
-        self.undo_with(lambda: self.remove_on_set_parameters_callback(self._on_parameters))
         self.tick(0.5, self._finish_if_whole)
         self.tick(0.2, self._greet)
+
+    def adjust(self, config: ReconstructorConfig) -> None:
+        """New prompts hold from the next scan on."""
+        self._next, self._config = StackCounter(config), config
+
+    def _free(self) -> None:
+        """Gives back the memory of the scan."""
+        self._stack = self._next = StackCounter(self._config)
+        self._scan = self._stopped = None
 
     def _greet(self) -> None:
         """Tells a collector that its images arrive: from here on none is lost."""
@@ -63,6 +75,8 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         if self._scan is None or message.scan_id != self._scan.scan_id:
             self._start(message)
         self._received += 1
+        self._images_in.tick()
+        begin = time.monotonic()
         try:
             view = from_posed_image(message)
         except ViewError as error:
@@ -73,27 +87,24 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
                 self._stack.add_view(view)
             except ViewError as error:
                 self._warn(error)
-        self._report()
-        if self._config.live:
+        if self._config.live or self._is_running_due(begin):
             self._publish_volume(final=False)
+            self._ran_at = time.monotonic()
+        self._took_s = time.monotonic() - begin
+        self._report()
         self._finish_if_whole()
 
-    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """New prompts hold from the next scan on; other parameters from the next configure on."""
-        prompts = [p.value for p in parameters if p.name == "prompts"]
-        try:
-            for text in prompts:
-                config = replace(self._config, prompts=text)
-                self._next, self._config = StackCounter(config), config
-        except StackCounterError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+    def _is_running_due(self, now: float) -> bool:
+        """Whether a scan that goes on says what it has so far."""
+        period = self._config.running_period_s
+        return self._stopped is None and 0 < period < now - self._ran_at
 
     def _warn(self, error: ViewError) -> None:
         self.get_logger().warning(f"view skipped: {error}", throttle_duration_sec=5.0)
 
     def _start(self, message: PosedImage) -> None:
         self._scan, self._received = message, 0
+        self._ran_at, self._last_volume = time.monotonic(), math.nan
         if self._stopped is not None and self._stopped.scan_id != message.scan_id:
             self._stopped = None
         self._stack = self._next
@@ -116,23 +127,26 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         if self._received < self._stopped.processed and not late:
             return
         self._publish_volume(final=True, lost=self._stopped.processed - self._received)
+        self._report(ScanStatus.STOPPED)
         self._stopped = self._scan = None  # the next image begins a scan, whatever its id
 
     def _publish_volume(self, final: bool, lost: int = 0) -> None:
         assert self._scan is not None  # for the type checker
         scan, frame = self._scan, self._scan.world_frame
+        missing = list(self._stopped.missing_cameras) if self._stopped else []
         try:
             volume = self._stack.volume()
         except ScanError as error:
             if final:
                 self._volume.publish(StackVolume(
                     header=scan.header, scan_id=scan.scan_id, final=True, part=scan.part,
-                    unit_volume=scan.unit_volume, error=str(error),
+                    unit_volume=scan.unit_volume, error=str(error), missing_cameras=missing,
                     views=to_tally(self._tally(self._stack.tally))))
             return
         if lost > 0:
             volume = replace(volume, reasons=volume.reasons + ("views_lost",))
-        volume = replace(volume, views=self._tally(volume.views))
+        volume = replace(volume, views=self._tally(volume.views)).without(missing)
+        self._last_volume = volume.stack_volume
         self._volume.publish(to_stack_volume(volume, frame, scan, final))
         header = to_header(volume.stamp_ns, frame)
         self._markers.publish(container_markers(volume.container, header))
@@ -147,20 +161,39 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         skipped = dict(zip(status.skip_reasons, (int(n) for n in status.skip_counts)))
         return joined_tally(ViewTally(status.received, status.processed, skipped), used)
 
-    def _report(self) -> None:
+    def _report(self, state: int = ScanStatus.SCANNING) -> None:
         tally = self._stack.tally
         assert self._scan is not None  # for the type checker
         self._status.publish(ScanStatus(
             header=self._scan.header, node="reconstructor", scan_id=self._scan.scan_id,
-            state=ScanStatus.SCANNING, received=tally.received, processed=tally.used,
+            state=state, received=self._received, processed=tally.used,
             skip_reasons=list(tally.skipped), skip_counts=list(tally.skipped.values()),
-            coverage=self._stack.coverage))
+            coverage=self._stack.coverage, stack_volume=self._last_volume))
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._scan, self._stopped = None, None
         self._stack.reset()
+        self._status.publish(ScanStatus(node="reconstructor", state=ScanStatus.IDLE))
         response.success = True
         return response
+
+    def findings(self) -> list[tuple[bytes, str]]:
+        """A collector that is silent, a scan that grows old."""
+        if not self._images.get_publisher_count():
+            return [(WARN, "nobody publishes posed_images; expected a collector")]
+        if self._config.live and self._scan is not None and self._images_in.silent_s > _OLD_S:
+            return [(WARN, f"no new view for {self._images_in.silent_s:.0f} s: what is published "
+                           "is as old")]
+        return []
+
+    def figures(self) -> Mapping[str, object]:
+        """Views, skips and times of the scan."""
+        tally = self._stack.tally
+        return {"scan": self._scan.scan_id if self._scan else "", "views Hz": self._images_in.hz,
+                "views received": tally.received, "views used": tally.used,
+                "last view s": self._took_s, "last view age s": self._images_in.silent_s,
+                "coverage": self._stack.coverage, "volume cm3": self._last_volume * 1e6,
+                **{f"skipped: {reason}": n for reason, n in tally.skipped.items()}}
 
 
 def main() -> None:

@@ -12,16 +12,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from stack_counter import geometry
-from stack_counter.bag.writer import Transform, write_bag
+from stack_counter.bag.writer import Transform, write_bag, write_rig_bag
 from stack_counter.errors import BagError
-from stack_counter.sim.recording import FRAME, record, watch
+from stack_counter.sim.recording import FRAME, record, station, watch
 from stack_counter.sim.scene import Scene
 from stack_counter.types import View
 
 _TF_STEP_NS = 20_000_000  # 50 Hz
 _REST = 2  # samples of /tf around an exposure in which the arm rests
+_DEAD_CYCLE = 2  # in which one of a station's cameras gives nothing
 _LATENCY_NS = 7_000_000  # of the arm's poses against the images
 
 
@@ -53,6 +55,47 @@ def write_picks_bag(scene: Scene, out: Path, picks: int, seed: int) -> None:
     counts = [{"stamp_ns": view.stamp_ns, "count": len(state.poses)}
               for view, state in zip(views, states)]
     _write_truth(out, states[-1], seed, {"counts": counts})
+
+
+def write_station_bag(scene: Scene, out: Path, cycles: int, seed: int) -> None:
+    """Four fixed cameras see the bin once a cycle, each time with fewer parts; in the third cycle
+    one of them is dead. Beside the bag's files lies the rig file.
+
+    Raises:
+        BagError: `out` exists, or more cycles than parts.
+    """
+    if not 1 <= cycles <= len(scene.poses):
+        raise BagError(f"{cycles} cycles with {len(scene.poses)} parts; expected 1 to that many")
+    left = [round(len(scene.poses) * (1 - k / cycles)) for k in range(cycles)]
+    states = list(picked(scene, len(scene.poses) - left[-1]))
+    shown = [next(s for s in states if len(s.poses) == n) for n in left]
+    cameras = station(shown, seed=seed)
+    static: list[Transform] = [(views[0].stamp_ns, "base_link", views[0].camera,
+                                views[0].T_world_camera) for views in cameras.values()]
+    counts = [{"stamp_ns": max(v[k].stamp_ns for v in cameras.values()), "count": n}
+              for k, n in enumerate(left)]
+    dead = list(cameras)[-1]
+    poses = {name: views[0].T_world_camera for name, views in cameras.items()}
+    cameras[dead] = [view for k, view in enumerate(cameras[dead]) if k != _DEAD_CYCLE]
+    # Two cameras are known to TF, two to the rig file.
+    known = dict(list(poses.items())[len(poses) // 2:])
+    write_rig_bag(out, cameras, static[:len(poses) // 2])
+    (out / "rig.yaml").write_text(yaml.safe_dump(_rig(cameras, known), sort_keys=False))
+    _write_truth(out, shown[-1], seed, {"counts": counts})
+
+
+def _rig(cameras: dict[str, list[View]], poses: dict[str, np.ndarray]) -> dict:
+    body: dict = {}
+    for name in cameras:
+        body[name] = {"color_topic": f"/{name}/color/image_raw", "color_transport": "compressed",
+                      "camera_info_topic": f"/{name}/color/camera_info",
+                      "depth_topic": f"/{name}/aligned_depth_to_color/image_raw"}
+        if name in poses:
+            body[name]["pose"] = {
+                "xyz_m": [round(float(x), 6) for x in poses[name][:3, 3]],
+                "quaternion_xyzw": [round(float(q), 8) for q in
+                                    geometry.quaternion_from_pose(poses[name])]}
+    return {"cameras": body, "trigger": {"tolerance_s": 0.05, "timeout_s": 0.5}}
 
 
 def picked(scene: Scene, picks: int) -> Iterator[Scene]:

@@ -16,6 +16,8 @@ CAMERA = Intrinsics(640, 480, 610.0, 610.0, 319.5, 239.5)
 FRAME = "camera_color_optical_frame"
 _NEAREST = 0.45  # m, from what is looked at
 _MARGIN = 1.35  # of the view, around the bin
+_STATION_TILT = np.deg2rad(32)
+_TRIGGER_NS = 2_000_000  # by which the cameras of a station are triggered one after the other
 _STEP_NS = 10**9  # between two views
 
 
@@ -55,6 +57,43 @@ def watch(states: list[Scene], seed: int = 0, color: bool = True) -> list[View]:
     return [replace(_view(Renderer(state), T, reported, (i + 1) * _STEP_NS, sensor, random,
                           seed if color else None), labels=None, fixed=True)
             for i, state in enumerate(states)]
+
+
+def station(states: list[Scene], cameras: int = 4, seed: int = 0, color: bool = True
+            ) -> dict[str, list[View]]:
+    """Views of fixed cameras around the bin, each one of every state of a scene at the same time.
+
+    Args:
+        states: of the same scene, e.g. with other fills.
+        cameras: how many; `left`, `front`, `right`, `back`, then numbers.
+        seed, color: as for `record`.
+    """
+    random = np.random.default_rng([seed, states[0].index, 0x57A])
+    names = [*("left", "front", "right", "back")[:cameras], *map(str, range(4, cameras))]
+    points, sensor = states[0].parts_mesh().vertices.astype(float), DepthCamera()
+    box = states[0].container.mesh()
+    points = points if box is None else np.concatenate([points, box.vertices])
+    low, high = points.min(axis=0), points.max(axis=0)
+    target = np.array([*(low[:2] + high[:2]) / 2, high[2] / 2])
+    radius = float(np.linalg.norm(high[:2] - low[:2])) / 2
+    distance = max(_NEAREST, _MARGIN * radius * CAMERA.fy / (CAMERA.height / 2))
+    poses = {}
+    for i, name in enumerate(names):
+        turn = np.pi + 2 * np.pi * i / cameras
+        away = np.array([np.sin(_STATION_TILT) * np.cos(turn), np.sin(_STATION_TILT)
+                         * np.sin(turn), np.cos(_STATION_TILT)])
+        poses[name] = geometry.look_at(target + distance * away, target)
+    reported = {name: noisy_pose(T, random) for name, T in poses.items()}
+    out: dict[str, list[View]] = {name: [] for name in names}
+    for k, state in enumerate(states):
+        renderer = Renderer(state)
+        for i, (name, T) in enumerate(poses.items()):
+            stamp = (k + 1) * _STEP_NS + i * _TRIGGER_NS
+            view = _view(renderer, T, reported[name], stamp, sensor, random,
+                         seed if color else None)
+            out[name].append(replace(view, labels=None, fixed=True,
+                                     camera=f"{name}_optical_frame"))
+    return out
 
 
 def _view(renderer: Renderer, T: np.ndarray, reported: np.ndarray, stamp_ns: int,

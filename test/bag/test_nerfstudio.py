@@ -10,11 +10,11 @@ from rosbags.highlevel import AnyReader
 
 from bags import picture
 from stack_counter import geometry
-from stack_counter.assembler import ViewAssembler
 from stack_counter.bag.nerfstudio import import_scene
-from stack_counter.bag.reader import BagReader, fit_config, read_views
+from stack_counter.bag.reader import BagReader, fit_rig, read_views
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
+from stack_counter.rig import RigAssembler, rig_of
 
 PASTA = Path(__file__).parents[3] / "shared" / "real" / "pasta"
 FLIP = np.diag([1.0, -1, -1, 1])
@@ -22,8 +22,8 @@ FLIP = np.diag([1.0, -1, -1, 1])
 
 def views_of(path):
     reader = BagReader(path)
-    config = fit_config(CollectorConfig(), reader.topics)
-    return list(read_views(reader, config, ViewAssembler(config)))
+    rig = fit_rig(rig_of(CollectorConfig()), reader.topics)
+    return [view for _, view in read_views(reader, RigAssembler(rig))]
 
 
 def make_scene(folder, **changes):

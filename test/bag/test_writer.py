@@ -24,11 +24,11 @@ from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
 
 from stack_counter import geometry
-from stack_counter.assembler import ViewAssembler
-from stack_counter.bag.reader import BagReader, fit_config, read_views
+from stack_counter.bag.reader import BagReader, fit_config, fit_rig, read_views
 from stack_counter.bag.writer import write_bag
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
+from stack_counter.rig import RigAssembler, rig_of
 from stack_counter.types import Intrinsics
 
 DISTORTED = replace(SMALL, distortion_model="plumb_bob", distortion=(0.1, -0.2, 0.01, 0.02, 0.3))
@@ -37,9 +37,9 @@ DISTORTED = replace(SMALL, distortion_model="plumb_bob", distortion=(0.1, -0.2, 
 def views_of(path, **settings):
     """Views that the reader finds in a bag; none may be skipped."""
     reader = BagReader(path)
-    config = fit_config(CollectorConfig(**settings), reader.topics)
-    assembler = ViewAssembler(config, live=False)
-    views = list(read_views(reader, config, assembler))
+    rig = fit_rig(rig_of(CollectorConfig(**settings)), reader.topics)
+    assembler = RigAssembler(rig, live=False)
+    views = [view for _, view in read_views(reader, assembler)]
     assert not assembler.tally.skipped
     return views
 
