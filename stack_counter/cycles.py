@@ -24,11 +24,12 @@ class CycleFormer:
     """Sorts views into cycles; says when one is over.
 
     A cycle is over when every camera has given its view, when a later cycle is, or when the
-    timeout has passed, in the images' own time or on the wall's clock.
+    timeout has passed: live, on the wall's clock; in a recording, in the images' own time.
     """
 
-    def __init__(self, cameras: Iterable[str], tolerance_s: float, timeout_s: float):
+    def __init__(self, cameras: Iterable[str], tolerance_s: float, timeout_s: float, live: bool):
         self.cameras = tuple(cameras)
+        self._live = live
         self._tolerance_ns, self._timeout_ns = round(tolerance_s * 1e9), round(timeout_s * 1e9)
         self._open: list[Cycle] = []  # by stamp
         self._closed_ns: int | None = None  # stamp of the last one that is over
@@ -44,7 +45,8 @@ class CycleFormer:
             ViewError: reason `late`: its cycle is over already.
         """
         stamp = view.stamp_ns
-        over = self._take(lambda c: stamp - c.stamp_ns > self._timeout_ns)
+        over = [] if self._live else self._take(
+            lambda c: stamp - c.stamp_ns > self._timeout_ns)
         if self._closed_ns is not None and stamp < self._closed_ns - 10 * self._timeout_ns:
             self._closed_ns = None  # the clock was set back
         if self._closed_ns is not None and stamp <= self._closed_ns + self._tolerance_ns:

@@ -40,21 +40,22 @@ _TRANSIENT = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 class Player(Node):
     """Publishes a bag's records and follows the scan."""
 
-    def __init__(self, colors: set[str], topics: dict[str, str], cycles: bool,
+    def __init__(self, colors: set[str], topics: dict[str, str], cycle_ns: int,
                  context: rclpy.context.Context):
         """Makes publishers.
 
         Args:
             colors: topics of colour images.
             topics: type names by topic, those the collector listens to.
-            cycles: scans start by themselves, one after the other.
+            cycle_ns: 0, or how long a cycle's images take, of a rig whose scans start by
+                themselves.
             context: of the private domain.
         """
         super().__init__("player", namespace=NAMESPACE, context=context)
         self._changed = threading.Condition()
         self._collector = self._reconstructor = ScanStatus()
         self._sent = 0  # colour images played
-        self._cycles = cycles
+        self._cycle_ns, self._cycle_began_ns = cycle_ns, -2 * cycle_ns
         self._of_cycle: dict[str, int] = {}  # images of each that is closed
         self._done = 0  # images of cycles that the reconstructor has finished
         self.volume = StackVolume()  # the last one
@@ -120,8 +121,8 @@ class Player(Node):
 
     def ahead(self) -> int:
         """Images played that no node is done with: neither used nor skipped."""
-        if self._cycles:
-            return (self._sent - self._done) // len(self._colors)
+        if self._cycle_ns:
+            return self._sent - self._done
         return self._sent - sum(self._collector.skip_counts) - self._reconstructor.received
 
     # --- the scan -----------------------------------------------------------------------------
@@ -159,13 +160,27 @@ class Player(Node):
                 due = begin + (record.log_time_ns - first_ns) * 1e-9 / rate
                 self.wait(lambda: False, due - time.monotonic(), check)
             if record.topic in self._colors:
-                if not rate and not self.wait(lambda: self.ahead() < _AHEAD, _STALL_S, check):
-                    raise NodeError(f"{self.ahead()} images not yet processed and no progress "
-                                    f"within {_STALL_S} s; expected less than {_AHEAD}")
+                if not rate:
+                    self._wait_for_room(self._may_be_ahead(record.log_time_ns), check)
                 self._sent += 1
                 on_view()
             self._publishers_of[record.topic].publish(record.data)
         self.wait(lambda: self.ahead() <= 0, _SETTLE_S, check)
+
+    def _wait_for_room(self, most: int, check: Callable[[], None]) -> None:
+        if not self.wait(lambda: self.ahead() < most, _STALL_S, check):
+            raise NodeError(f"{self.ahead()} images not yet processed and no progress within "
+                            f"{_STALL_S} s; expected less than {most}")
+
+    def _may_be_ahead(self, log_time_ns: int) -> int:
+        """Images that may be on their way beside one of this time. Of a rig's, those of its own
+        cycle: while a camera is waited for that is dead, the next cycle would be waiting too."""
+        if not self._cycle_ns:
+            return _AHEAD
+        if log_time_ns - self._cycle_began_ns > self._cycle_ns:
+            self._cycle_began_ns = log_time_ns
+            return 1
+        return len(self._colors)
 
     def stop_scan(self, scan_id: str, check: Callable[[], None]) -> StackCount:
         """Ends the scan, or the last cycle; returns its final count."""
@@ -219,7 +234,8 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     wanted = {name: reader.topics[name][0] for name in listened(assembler)
               if name in reader.topics}
     rclpy.init(context=context, domain_id=int(environment["ROS_DOMAIN_ID"]))
-    player = Player(set(assembler.color_topics()), wanted, cycles, context)
+    player = Player(set(assembler.color_topics()), wanted,
+                    round(rig.tolerance_s * 1e9) if cycles else 0, context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(player)
     spinner = threading.Thread(target=_spin, args=(executor,), daemon=True)

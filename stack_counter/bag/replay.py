@@ -152,7 +152,8 @@ def _replay_cycles(path: Path, config: Config, stack: StackCounter, unit_volume:
     reader = BagReader(path)
     rig = fit_rig(rig_of(config.collector), reader.topics)
     assembler = RigAssembler(rig, live=False)
-    former = CycleFormer([c.name for c in rig.cameras], rig.tolerance_s, rig.timeout_s)
+    former = CycleFormer([c.name for c in rig.cameras], rig.tolerance_s, rig.timeout_s,
+                         live=False)
     last, counts, errors = None, [], []
     for cycle in formed(read_views(reader, assembler), former):
         stack.reset(unit_volume)

@@ -50,6 +50,7 @@ class Collector(ManagedNode[CollectorConfig]):
         self._assembler = RigAssembler(self._rig)
         self._rates: dict[str, Rate] = {}
         self._tf = Rate()
+        self._taken = False  # messages of cameras since the clock was looked at
         self._heard = False  # the reconstructor says that posed images reach it
         self._forget_scans()
         self._inputs = []
@@ -72,7 +73,7 @@ class Collector(ManagedNode[CollectorConfig]):
         self.serve(StartScan, "start_scan", self._start_scan)
         self.serve(StopScan, "stop_scan", self._stop_scan)
         self.serve(Trigger, "reset", self._reset)
-        self.tick(0.1, self._collect)
+        self.tick(0.1, self._look_at_the_clock)
 
     def adjust(self, config: CollectorConfig) -> None:
         """New gates hold from the next scan on."""
@@ -95,7 +96,7 @@ class Collector(ManagedNode[CollectorConfig]):
         self._scan: Scan | None = None  # the last one: open or just closed
         self._open = False  # images are taken
         self._former = CycleFormer([c.name for c in self._rig.cameras], self._rig.tolerance_s,
-                                   self._rig.timeout_s)
+                                   self._rig.timeout_s, live=True)
         self._counted = ViewTally()  # images that earlier cycles account for
         self._late: Counter[str] = Counter()
         self._nothing_since = 0.0  # the reconstructor has no scan though views of one were sent
@@ -109,6 +110,7 @@ class Collector(ManagedNode[CollectorConfig]):
 
         def take(message: Any) -> None:
             rate.tick(self._age_s(message.header))
+            self._taken = True
             if self._open or always:
                 for _, add in takers:
                     add(message)
@@ -157,10 +159,17 @@ class Collector(ManagedNode[CollectorConfig]):
             return
         before = self._assembler.tally
         self._take(self._assembler.poll())
-        for cycle in self._former.expired():
-            self._close_cycle(cycle)
         if self._assembler.tally != before:
             self._report(ScanStatus.SCANNING)
+
+    def _look_at_the_clock(self) -> None:
+        """What has waited too long is given up, unless images lie in our own queues: then it is we
+        who are late."""
+        self._collect()
+        if not self._taken:
+            for cycle in self._former.expired():
+                self._close_cycle(cycle)
+        self._taken = False
 
     def _take(self, views: list[tuple[str, View]]) -> None:
         for camera, view in views:

@@ -62,3 +62,24 @@ def test_prompts_give_the_same_through_the_nodes(tmp_path, capsys):
     for key in ("count", "count_interval", "views", "reasons"):
         assert results[0][key] == results[1][key], key
     assert results[0]["volume_m3"] == pytest.approx(results[1]["volume_m3"], rel=1e-9)
+
+
+def test_a_station_counts_every_cycle_and_names_the_dead_camera(tmp_path, capsys, monkeypatch):
+    """Four cameras, five fills; in the third cycle one camera gives nothing."""
+    root = DEMO.parents[1]
+    monkeypatch.chdir(root)  # the settings name the rig file from there
+    truth = json.loads((root / "bags" / "station" / "truth.json").read_text())
+    counts = {}
+    for how in ("--nodes", "--direct"):
+        out = tmp_path / f"{how}.json"
+        assert main(["replay", "bags/station", "--config", "config/station.yaml",
+                     "--unit-volume-cm3", str(truth["unit_volume_cm3"]), how,
+                     "--json", str(out)]) == 0
+        assert "without back" in capsys.readouterr().out
+        counts[how] = json.loads(out.read_text())["counts"]
+    assert counts["--nodes"] == counts["--direct"]
+    assert [c.get("missing_cameras") for c in counts["--direct"]] == [
+        None, None, ["back"], None, None]
+    for said, true in zip(counts["--direct"], truth["counts"], strict=True):
+        low, high = said["count_interval"]
+        assert low <= true["count"] <= high
