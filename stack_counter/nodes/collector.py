@@ -31,6 +31,7 @@ from stack_counter.rig import RigAssembler, rig_of
 from stack_counter.types import View, ViewTally
 
 _SILENT_S = 2.0  # without an image while a scan is open: an operator should look
+_TELL_AGAIN_S = 2.0
 _LOST_S = 3.0  # that the reconstructor has nothing of a scan that was sent: it started anew
 
 
@@ -99,6 +100,7 @@ class Collector(ManagedNode[CollectorConfig]):
                                    self._rig.timeout_s, live=True)
         self._counted = ViewTally()  # images that earlier cycles account for
         self._late: Counter[str] = Counter()
+        self._told_at = 0.0
         self._nothing_since = 0.0  # the reconstructor has no scan though views of one were sent
 
     # --- data ---------------------------------------------------------------------------------
@@ -170,6 +172,10 @@ class Collector(ManagedNode[CollectorConfig]):
             for cycle in self._former.expired():
                 self._close_cycle(cycle)
         self._taken = False
+        first = self._outbox.first
+        if first is not None and first.reported and self._heard \
+                and time.monotonic() - self._told_at > _TELL_AGAIN_S:
+            self._tell(first)
 
     def _take(self, views: list[tuple[str, View]]) -> None:
         for camera, view in views:
@@ -205,8 +211,12 @@ class Collector(ManagedNode[CollectorConfig]):
                 camera))
         scan = self._outbox.first
         if scan is not None and scan.closed and not scan.reported:
-            scan.reported = True
-            self._report(ScanStatus.STOPPED, scan)
+            self._tell(scan)
+
+    def _tell(self, scan: Scan) -> None:
+        """The reconstructor shall know how many views there are; it may not have heard before."""
+        scan.reported, self._told_at = True, time.monotonic()
+        self._report(ScanStatus.STOPPED, scan)
 
     def _report(self, state: int, of: Scan | None = None) -> None:
         scan = of or self._scan

@@ -38,6 +38,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self._stack = self._next = StackCounter(config)  # of this scan, and of those to come
         self._scan: PosedImage | None = None  # first image of the scan; None between scans
         self._received = 0
+        self._finished = ""  # the scan that ended last
         self._stopped: ScanStatus | None = None
         self._stopped_at = self._ran_at = 0.0
         self._last_volume = math.nan  # of this scan so far, m3
@@ -112,8 +113,16 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
 
     def _on_status(self, message: ScanStatus) -> None:
         if message.node != "collector" or message.state != ScanStatus.STOPPED:
+            if message.node == "collector" and message.scan_id == self._finished:
+                self._finished = ""  # another scan of that name
             return
-        self._stopped, self._stopped_at = message, time.monotonic()
+        if message.scan_id == self._finished:  # it has not heard that we are
+            self._status.publish(ScanStatus(node="reconstructor", scan_id=message.scan_id,
+                                            state=ScanStatus.STOPPED))
+            return
+        if self._stopped is None or self._stopped.scan_id != message.scan_id:
+            self._stopped_at = time.monotonic()
+        self._stopped = message
         if self._scan is None or self._scan.scan_id != message.scan_id:
             self._start(PosedImage(scan_id=message.scan_id, header=message.header,
                                    world_frame=message.header.frame_id))
@@ -127,6 +136,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         if self._received < self._stopped.processed and not late:
             return
         self._publish_volume(final=True, lost=self._stopped.processed - self._received)
+        self._finished = self._scan.scan_id if self._scan else ""
         self._report(ScanStatus.STOPPED)
         self._stopped = self._scan = None  # the next image begins a scan, whatever its id
 

@@ -8,16 +8,24 @@ import sys
 import threading
 import time
 
+import numpy as np
 import rclpy
+from geometry_msgs.msg import TransformStamped
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import CameraInfo, Image
+from stack_counter_msgs.msg import ScanStatus
 from stack_counter_msgs.srv import StartScan
 from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
 
 from stack_counter.bag.processes import private_environment
+from stack_counter.nodes.conversions import to_camera_info, to_header, to_image
+from stack_counter.types import Intrinsics
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PATIENCE_S = 60.0
+FRAME = "camera_color_optical_frame"
 
 
 class Harness:
@@ -107,3 +115,71 @@ class Harness:
         self.node.destroy_node()
         rclpy.try_shutdown(context=self.context)
         self._spinner.join()
+
+
+class Camera:
+    """A colour camera on the default topics, with TF."""
+
+    def __init__(self, ros, intrinsics=Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5),
+                 qos=QoSProfile(depth=30), heard=True):
+        self.k = intrinsics
+        self.color = ros.node.create_publisher(Image, "/camera/color/image_raw", qos)
+        self.info = ros.node.create_publisher(CameraInfo, "/camera/color/camera_info", qos)
+        self.tf = ros.node.create_publisher(TFMessage, "/tf", QoSProfile(depth=1000))
+        self._pictures = {}
+        if heard:
+            ros.heard_by_collector(self.color, self.info, self.tf)
+
+    def picture(self, k):
+        """A sharp picture of a size."""
+        if k not in self._pictures:
+            self._pictures[k] = np.random.default_rng(0).integers(
+                0, 255, (k.height, k.width, 3), np.uint8)
+        return self._pictures[k]
+
+    def pose(self, i, beside_ns=0):
+        """TF of view i."""
+        t = TransformStamped(header=to_header((i + 1) * 10**9 + beside_ns, "base_link"),
+                             child_frame_id=FRAME)
+        t.transform.translation.x = 0.01 * i
+        self.tf.publish(TFMessage(transforms=[t]))
+
+    def __call__(self, i, with_tf=True, k=None, image=None):
+        """Publishes view number i, taken at i + 1 s."""
+        k = k or self.k
+        header = to_header((i + 1) * 10**9, FRAME)
+        if with_tf:
+            self.pose(i, -20_000_000)
+            self.pose(i, 20_000_000)
+        self.info.publish(to_camera_info(k, header))
+        self.color.publish(image or to_image(self.picture(k), "rgb8", header))
+
+
+class Taker:
+    """Plays the reconstructor: takes posed images and says so."""
+
+    def __init__(self, ros):
+        from stack_counter_msgs.msg import PosedImage
+
+        self.images = []
+        self._status = ros.node.create_publisher(ScanStatus, "/stack_counter/scan_status",
+                                                 QoSProfile(depth=100))
+        ros.node.create_subscription(PosedImage, "/stack_counter/posed_images", self._take,
+                                     QoSProfile(depth=100))
+        ros.node.create_subscription(ScanStatus, "/stack_counter/scan_status", self._on_status,
+                                     QoSProfile(depth=100))
+        ros.matched(self._status)
+        self._status.publish(ScanStatus(node="reconstructor"))
+
+    def _say(self, scan_id, state=ScanStatus.SCANNING):
+        received = sum(m.scan_id == scan_id for m in self.images)
+        self._status.publish(ScanStatus(node="reconstructor", scan_id=scan_id, state=state,
+                                        received=received))
+
+    def _take(self, message):
+        self.images.append(message)
+        self._say(message.scan_id)
+
+    def _on_status(self, message):
+        if message.node == "collector" and message.state == ScanStatus.STOPPED:
+            self._say(message.scan_id, ScanStatus.STOPPED)

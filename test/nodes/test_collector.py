@@ -1,41 +1,13 @@
 """The collector over real DDS: what comes in, what goes on, and that nothing is lost."""
 
-import numpy as np
-from geometry_msgs.msg import TransformStamped
+from harness import Camera
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import CameraInfo, Image
 from stack_counter_msgs.msg import PosedImage, ScanStatus
 from stack_counter_msgs.srv import StartScan, StopScan
-from tf2_msgs.msg import TFMessage
 
-from stack_counter.nodes.conversions import to_camera_info, to_header, to_image
 from stack_counter.types import Intrinsics
 
-FRAME = "camera_color_optical_frame"
 SPACE = "/stack_counter"
-
-
-def camera(ros, k):
-    """Publishers of one camera; returns a function that publishes view number i."""
-    node, qos = ros.node, QoSProfile(depth=30)
-    color = node.create_publisher(Image, "/camera/color/image_raw", qos)
-    info = node.create_publisher(CameraInfo, "/camera/color/camera_info", qos)
-    tf = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=1000))
-    picture = np.random.default_rng(0).integers(0, 255, (k.height, k.width, 3), np.uint8)
-
-    def publish(i, with_tf=True):
-        stamp = (i + 1) * 10**9
-        header = to_header(stamp, FRAME)
-        for beside in (-20_000_000, 20_000_000) if with_tf else ():
-            t = TransformStamped(header=to_header(stamp + beside, "base_link"),
-                                 child_frame_id=FRAME)
-            t.transform.translation.x = 0.01 * i + beside * 1e-10
-            tf.publish(TFMessage(transforms=[t]))
-        info.publish(to_camera_info(k, header))
-        color.publish(to_image(picture, "rgb8", header))
-
-    ros.heard_by_collector(color, info, tf)
-    return publish
 
 
 def test_poses_are_interpolated_and_skips_are_counted(ros):
@@ -45,7 +17,7 @@ def test_poses_are_interpolated_and_skips_are_counted(ros):
     ros.matched(greet)
     ros.wait(lambda: ros.node.count_publishers(f"{SPACE}/posed_images"), "the collector's topic")
     states = ros.listen(ScanStatus, f"{SPACE}/scan_status")
-    publish = camera(ros, Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5))
+    publish = Camera(ros)
     greet.publish(ScanStatus(node="reconstructor"))
     answer = ros.call(StartScan, f"{SPACE}/start_scan",
                       StartScan.Request(scan_id="a", part="nut", unit_volume=2e-6))
@@ -76,7 +48,7 @@ def test_no_image_is_lost_at_1280x720(ros):
 
     ros.node.create_subscription(PosedImage, f"{SPACE}/posed_images", on_image,
                                  QoSProfile(depth=100))
-    publish = camera(ros, Intrinsics(1280, 720, 900.0, 900.0, 639.5, 359.5))
+    publish = Camera(ros, Intrinsics(1280, 720, 900.0, 900.0, 639.5, 359.5))
     ros.matched(status)
     status.publish(ScanStatus(node="reconstructor"))
     ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(scan_id="b"))
