@@ -1,4 +1,5 @@
 # make setup: everything into .venv | demo: count a recorded bag | test: lint and tests
+# make soak: many scans in a row, and every node killed in every state (some ten minutes)
 # PYTHON=/path/to/python3.12 make setup: with an interpreter of your choice (3.10 to 3.13)
 
 SHELL := bash
@@ -6,10 +7,10 @@ DEMO := .venv/bin/stack-counter replay bags/demo --part demo_nut
 # Puts this package's messages on the paths where ROS 2 is sourced; does nothing elsewhere.
 IN_VENV := source .venv/ros.bash &&
 
-.PHONY: help setup demo test lint clean
+.PHONY: help setup demo test lint soak clean
 
 help:
-	@sed -n '1,2s/^# //p' Makefile
+	@sed -n '1,3s/^# //p' Makefile
 
 setup:
 	@PYTHON="$(PYTHON)" bash scripts/setup.sh
@@ -23,6 +24,9 @@ lint: setup
 
 test: lint
 	$(IN_VENV) .venv/bin/python -m pytest
+
+soak: setup
+	$(IN_VENV) .venv/bin/python test/nodes/soak.py
 
 clean:
 	rm -rf .venv build install log dist *.egg-info .pytest_cache .ruff_cache .mypy_cache out

@@ -9,6 +9,8 @@ from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile
 from stack_counter_msgs.action import CountStack
 from stack_counter_msgs.msg import ScanStatus, StackCount
+from stack_counter_msgs.srv import GetCount, StartCount
+from std_srvs.srv import Trigger
 
 from stack_counter.bag.player import message_type
 from stack_counter.bag.reader import BagReader, fit_config, listened
@@ -81,3 +83,38 @@ def test_scan_with_verdict_then_rejection_and_cancel(ros, cell):
     ros.wait(end.done, "the timeout")
     assert not end.result().result.success and "0 views" in end.result().result.message
     assert end.result().status == GoalStatus.STATUS_ABORTED
+
+
+def test_the_same_by_services_and_what_a_goal_is_refused_for(ros, cell):
+    client, play = cell
+
+    def ask(**fields):
+        return ros.call(StartCount, "/stack_counter/start_count", StartCount.Request(
+            **{"part": "demo_nut", "timeout": 40.0, **fields}))
+
+    def state():
+        return ros.call(GetCount, "/stack_counter/get_count", GetCount.Request())
+
+    for fields, why in (({"part": "no_such_part"}, "unknown part 'no_such_part'"),
+                        ({"timeout": -1.0}, "timeout -1.0 s"),
+                        ({"confidence": float("nan")}, "confidence nan"),
+                        ({"min_views": 9, "max_views": 3}, "9 to 3 views"),
+                        ({"unit_volume": -1.0}, "unit volume is -1.0")):
+        refused = ask(**fields)
+        assert not refused.accepted and why in refused.message
+    assert not state().success
+    assert ask(max_views=12, expected_count=200, tolerance=300).accepted
+    assert "another count" in ask().message
+    ros.wait(lambda: ros.call(GetCount, "/stack_counter/get_count", GetCount.Request()).running,
+             "a count that runs")
+    play()
+    ros.wait(lambda: not state().running, "its end")
+    end = state()
+    assert end.success and end.message.startswith("PASS") and "within 200 +- 300" in end.message
+    assert end.count.verdict == StackCount.VERDICT_PASS and end.count.views.used == 12
+    assert ask().accepted
+    cancelled = ros.call(Trigger, "/stack_counter/cancel_count", Trigger.Request())
+    assert cancelled.success
+    ros.wait(lambda: not state().running, "the end of what was cancelled")
+    assert state().message == "cancelled"
+    assert not ros.call(Trigger, "/stack_counter/cancel_count", Trigger.Request()).success

@@ -1,0 +1,202 @@
+"""Many scans in a row, and every node killed in every state; prints the figures. `make soak`
+
+    python test/nodes/soak.py [--scans 200] [--rounds 1]
+"""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from geometry_msgs.msg import TransformStamped
+from harness import LATCHED, Harness
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import CameraInfo, Image
+from stack_counter_msgs.msg import ScanStatus, StackCount
+from stack_counter_msgs.srv import StartScan, StopScan
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+
+from stack_counter.nodes.conversions import to_camera_info, to_header, to_image, to_pose
+from stack_counter.sim import read_scenes, record
+
+SPACE = "/stack_counter"
+NODES = ("collector", "reconstructor", "counter")
+UNSEEN = Path(__file__).parents[2] / "data" / "unseen"
+VIEWS, SCENE = 6, 11
+STATES = ("idle", "scanning", "finishing")
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+
+
+class Station:
+    """Three nodes and a camera that shows one scene again and again."""
+
+    def __init__(self, folder: Path):
+        self.ros = Harness(folder)
+        scene = next(s for s in read_scenes(UNSEEN, SCENE + 1) if s.index == SCENE)
+        random = np.random.default_rng(0)
+        self.true, self.unit_volume = scene.truth.count, scene.truth.unit_volume
+        self.views = [replace(v, color=random.integers(0, 255, (*v.depth.shape, 3), np.uint8))
+                      for v in record(scene, VIEWS, color=False)]
+        node, qos = self.ros.node, QoSProfile(depth=30)
+        self.color = node.create_publisher(Image, "/camera/color/image_raw", qos)
+        self.depth = node.create_publisher(
+            Image, "/camera/aligned_depth_to_color/image_raw", qos)
+        self.info = node.create_publisher(CameraInfo, "/camera/color/camera_info", qos)
+        self.tf = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
+        self.status: dict[str, ScanStatus] = {}
+        node.create_subscription(ScanStatus, f"{SPACE}/scan_status",
+                                 lambda m: self.status.__setitem__(m.node, m), 100)
+        self.counts = self.ros.listen(StackCount, f"{SPACE}/count", LATCHED)
+        self.of = {name: self.ros.start(name) for name in NODES}
+        self.scans, self.clock = 0, 0
+        self.heard()
+
+    def heard(self) -> None:
+        """Waits until the collector hears the camera."""
+        self.ros.heard_by_collector(self.color, self.depth, self.info, self.tf)
+
+    def publish(self, view) -> None:
+        """One view, now."""
+        self.clock += 1
+        header = to_header(self.clock * 10**9, view.camera)
+        pose = to_pose(view.T_world_camera)
+        for beside in (-10_000_000, 10_000_000):
+            t = TransformStamped(header=to_header(self.clock * 10**9 + beside, "base_link"),
+                                 child_frame_id=view.camera)
+            for axis in "xyz":
+                setattr(t.transform.translation, axis, getattr(pose.position, axis))
+            t.transform.rotation = pose.orientation
+            self.tf.publish(TFMessage(transforms=[t]))
+        self.info.publish(to_camera_info(view.intrinsics, header))
+        self.depth.publish(to_image(np.round(view.depth * 1000).astype(np.uint16), "16UC1",
+                                    header))
+        self.color.publish(to_image(view.color, "rgb8", header))
+
+    def begin(self) -> str:
+        """A scan with all its views on their way."""
+        self.scans += 1
+        scan_id = f"scan{self.scans}"
+        answer = self.ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(
+            scan_id=scan_id, unit_volume=self.unit_volume))
+        assert answer.accepted, answer.message
+        for view in self.views:
+            self.publish(view)
+        return scan_id
+
+    def scan(self) -> tuple[StackCount, float]:
+        """One scan; its count, and the seconds from the last image to it."""
+        scan_id = self.begin()
+        begin = time.monotonic()
+        self.ros.wait(lambda: self.status["collector"].processed == VIEWS, "all views")
+        self.ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request())
+        self.ros.wait(lambda: self.counts and self.counts[-1].final
+                      and self.counts[-1].scan_id == scan_id, f"the count of {scan_id}")
+        taken = time.monotonic() - begin
+        count = self.counts[-1]
+        del self.counts[:-1]
+        return count, taken
+
+    def memory_mb(self) -> dict[str, float]:
+        """Resident memory of each node."""
+        pages = {name: int(Path(f"/proc/{p.pid}/statm").read_text().split()[1])
+                 for name, p in self.of.items()}
+        return {name: n * 4096 / 1e6 for name, n in pages.items()}
+
+    def cpu_s(self) -> dict[str, float]:
+        """CPU time of each node."""
+        fields = {name: Path(f"/proc/{p.pid}/stat").read_text().rsplit(")", 1)[1].split()
+                  for name, p in self.of.items()}
+        return {name: (int(f[11]) + int(f[12])) / 100 for name, f in fields.items()}
+
+    def end_node(self, name: str, number: int) -> float:
+        """Sends a signal; seconds until the process has ended."""
+        process = self.of[name]
+        self.ros.processes.remove(process)
+        begin = time.monotonic()
+        process.send_signal(number)
+        process.wait(30)
+        return time.monotonic() - begin
+
+    def bring_back(self, name: str) -> None:
+        """What a supervisor does: starts the node anew and has the others forget the scan."""
+        self.of[name] = self.ros.start(name)
+        self.ros.call(Trigger, f"{SPACE}/reset_reconstruction", Trigger.Request())
+        self.ros.call(Trigger, f"{SPACE}/reset", Trigger.Request())
+        self.heard()
+        self.ros.wait(lambda: self.ros.node.count_subscribers(f"{SPACE}/volume") >= 1,
+                      "a counter")
+
+
+def many_scans(station: Station, scans: int) -> list[str]:
+    """The same scan again and again: counts, latency, memory, CPU."""
+    answers, latencies, memory, cpu = set(), [], {}, {}
+    for i in range(1, scans + 1):
+        count, taken = station.scan()
+        assert not count.error, count.error
+        answers.add(count.count)
+        latencies.append(taken)
+        if i in (min(20, scans // 2), scans):
+            memory[i], cpu[i] = station.memory_mb(), (station.cpu_s(), time.monotonic())
+        if i % 20 == 0:
+            print(f"{i} scans, {station.memory_mb()}", flush=True)
+    (first, last), busy = memory.values(), list(cpu.values())
+    span = busy[1][1] - busy[0][1]
+    lines = [f"{scans} scans in a row of {VIEWS} views, 640x480: counts {sorted(answers)} (truth "
+             f"{station.true})",
+             f"last image to count: median {np.median(latencies):.2f} s, 95% "
+             f"{np.quantile(latencies, 0.95):.2f} s, slowest {max(latencies):.2f} s"]
+    lines += [f"{name:14} memory {first[name]:.0f} MB after {list(memory)[0]} scans, "
+              f"{last[name]:.0f} MB after {scans} ({last[name] / first[name] - 1:+.1%}); CPU "
+              f"{(busy[1][0][name] - busy[0][0][name]) / span:.0%} of a core"
+              for name in NODES]
+    return lines
+
+
+def every_end(station: Station) -> list[str]:
+    """Every node, in every state, ended by every signal: seconds to end, and the next scan."""
+    lines = []
+    for number in SIGNALS:
+        for name in NODES:
+            taken = []
+            for state in STATES:
+                if state != "idle":
+                    station.begin()
+                if state == "finishing":
+                    station.ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request())
+                taken.append(station.end_node(name, number))
+                station.bring_back(name)
+                count, _ = station.scan()
+                right = not count.error and count.count_low <= station.true <= count.count_high
+                assert right, (name, state, count.error, count.count)
+            lines.append(f"{signal.Signals(number).name:8} {name:14} " + ", ".join(
+                f"{state} {t:.2f} s" for state, t in zip(STATES, taken)) + "; next scan right")
+            print(lines[-1], flush=True)
+    return lines
+
+
+def main() -> int:
+    """Prints the figures; ends with 1 where something is not right."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scans", type=int, default=200)
+    parser.add_argument("--only", choices=("scans", "ends"))
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        station = Station(Path(folder))
+        try:
+            lines = many_scans(station, options.scans) if options.only != "ends" else []
+            lines += every_end(station) if options.only != "scans" else []
+        finally:
+            station.ros.close()
+    print("\n".join(lines))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

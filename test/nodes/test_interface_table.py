@@ -1,0 +1,109 @@
+"""docs/interface.md against the running nodes, and that they all have the lifecycle."""
+
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, SetParameters
+from rclpy.action.graph import get_action_server_names_and_types_by_node
+
+SPACE = "/stack_counter"
+TABLE = Path(__file__).parents[2] / "docs" / "interface.md"
+# Every ROS 2 node has these.
+OWN = ("rosout", "parameter_events", "transition_event", "parameters", "parameter", "state",
+       "transitions", "transition_graph", "type_description", "_action")
+SETTINGS = {"collector": ("min_change", 9.0, "rig", "x"),
+            "reconstructor": ("prompts", "", "min_views", 4),
+            "counter": ("confidence", 0.8, "estimator", "depth_corrected")}
+
+
+def table():
+    """(node, how, name, type) of each row."""
+    rows = [line.split("|")[1:5] for line in TABLE.read_text().splitlines()
+            if line.startswith("| ") and not line.startswith("| node")]
+    return {tuple(cell.strip().strip("`") for cell in row) for row in rows}
+
+
+def full(name):
+    return name if name.startswith("/") else f"{SPACE}/{name}"
+
+
+def is_own(name):
+    return any(word in name for word in OWN)
+
+
+def running(node, name):
+    """The same of a running node."""
+    graph = {"subscribes": node.get_subscriber_names_and_types_by_node,
+             "publishes": node.get_publisher_names_and_types_by_node,
+             "serves": node.get_service_names_and_types_by_node,
+             "calls": node.get_client_names_and_types_by_node,
+             "offers": lambda n, s: get_action_server_names_and_types_by_node(node, n, s)}
+    return {(name, how, topic, kind) for how, ask in graph.items()
+            for topic, kinds in ask(name, SPACE) for kind in kinds if not is_own(topic)}
+
+
+def value(x):
+    kinds = {float: ("DOUBLE", "double_value"), str: ("STRING", "string_value"),
+             int: ("INTEGER", "integer_value")}
+    kind, field = kinds[type(x)]
+    return ParameterValue(type=getattr(ParameterType, f"PARAMETER_{kind}"), **{field: x})
+
+
+def test_the_table_is_what_the_nodes_have(ros):
+    for name in SETTINGS:
+        ros.start(name, **({"estimator": "prior"} if name == "counter" else {}))
+    expected = {(node, how, full(name), kind) for node, how, name, kind in table()}
+
+    ros.wait(lambda: set(SETTINGS) <= set(ros.node.get_node_names()), "three nodes")
+
+    def found():
+        return set().union(*(running(ros.node, name) for name in SETTINGS))
+    ros.wait(lambda: len(found()) >= len(expected), "the whole graph")
+    assert found() == expected
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_states_and_parameters(ros, name):
+    ros.start(name, **({"estimator": "prior"} if name == "counter" else {}))
+    said = ros.listen(DiagnosticArray, "/diagnostics")
+
+    def state():
+        return ros.call(GetState, f"{SPACE}/{name}/get_state", GetState.Request()).current_state.id
+
+    def change(transition):
+        return ros.call(ChangeState, f"{SPACE}/{name}/change_state", ChangeState.Request(
+            transition=Transition(id=transition))).success
+
+    def put(key, x):
+        return ros.call(SetParameters, f"{SPACE}/{name}/set_parameters", SetParameters.Request(
+            parameters=[Parameter(name=key, value=value(x))])).results[0]
+
+    def figures():
+        status = [s for m in said for s in m.status if s.name == f"stack_counter: {name}"]
+        return {v.key: v.value for v in status[-1].values} if status else {}
+
+    ros.wait(lambda: state() == State.PRIMARY_STATE_ACTIVE, "an active node")
+    free, new, fixed, other = SETTINGS[name]
+    assert put(free, new).successful
+    refused = put(fixed, other)
+    assert not refused.successful and "unconfigured" in refused.reason
+    described = ros.call(DescribeParameters, f"{SPACE}/{name}/describe_parameters",
+                         DescribeParameters.Request(names=[free, fixed])).descriptors
+    assert [d.additional_constraints for d in described] == [
+        "may change at run time", "read on configure; set it while the node is unconfigured"]
+    assert change(Transition.TRANSITION_DEACTIVATE) and state() == State.PRIMARY_STATE_INACTIVE
+    ros.wait(lambda: figures().get("state") == "inactive", "diagnostics that say so")
+    assert change(Transition.TRANSITION_ACTIVATE) and change(Transition.TRANSITION_DEACTIVATE)
+    assert change(Transition.TRANSITION_CLEANUP)
+    assert state() == State.PRIMARY_STATE_UNCONFIGURED
+    assert put(fixed, other).successful
+    if name == "collector":  # there is no such rig file: said, and the node stays up
+        assert not change(Transition.TRANSITION_CONFIGURE)
+        assert put(fixed, "").successful
+    assert change(Transition.TRANSITION_CONFIGURE) and change(Transition.TRANSITION_ACTIVATE)
+    ros.wait(lambda: figures().get("state") == "active" and float(figures()["memory MB"]) > 50,
+             "diagnostics of an active node")
