@@ -168,6 +168,7 @@ class Collector(ManagedNode[CollectorConfig]):
         """What has waited too long is given up, unless images lie in our own queues: then it is we
         who are late."""
         self._collect()
+        self._heard = self._heard and self._posed_images.get_subscription_count() > 0
         if not self._taken:
             for cycle in self._former.expired():
                 self._close_cycle(cycle)
@@ -312,6 +313,7 @@ class Collector(ManagedNode[CollectorConfig]):
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget_scans()
+        self._heard = False  # until it says so again: it may be another one
         self._report(ScanStatus.IDLE)
         if self.active and self._config.mode != "scan":
             self._begin()

@@ -73,7 +73,8 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
             self._report()
 
     def _on_image(self, message: PosedImage) -> None:
-        if self._scan is None or message.scan_id != self._scan.scan_id:
+        # The first image says what is counted; word of the scan's end may have come before it.
+        if self._scan is None or message.scan_id != self._scan.scan_id or not self._received:
             self._start(message)
         self._received += 1
         self._images_in.tick()

@@ -79,6 +79,20 @@ class Harness:
         self.wait(future.done, f"an answer of {name}")
         return future.result()
 
+    def insist(self, kind, name):
+        """Calls a service without arguments until it answers: a request to a server that is just
+        being matched can get lost."""
+        client = self.node.create_client(kind, name)
+        assert client.wait_for_service(PATIENCE_S), f"no service {name}"
+        for _ in range(20):
+            future = client.call_async(kind.Request())
+            deadline = time.monotonic() + 3
+            while not future.done() and time.monotonic() < deadline:
+                threading.Event().wait(0.01)
+            if future.done():
+                return future.result()
+        raise AssertionError(f"no answer of {name}")
+
     def wait(self, condition, what, seconds=PATIENCE_S):
         """Waits until the condition holds; fails the test otherwise."""
         deadline = time.monotonic() + seconds

@@ -1,6 +1,6 @@
 """Many scans in a row, and every node killed in every state; prints the figures. `make soak`
 
-    python test/nodes/soak.py [--scans 200] [--rounds 1]
+    python test/nodes/soak.py [--scans 200]
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 class Station:
     """Three nodes and a camera that shows one scene again and again."""
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder: Path, estimator: str):
         self.ros = Harness(folder)
         scene = next(s for s in read_scenes(UNSEEN, SCENE + 1) if s.index == SCENE)
         random = np.random.default_rng(0)
@@ -54,7 +54,8 @@ class Station:
         node.create_subscription(ScanStatus, f"{SPACE}/scan_status",
                                  lambda m: self.status.__setitem__(m.node, m), 100)
         self.counts = self.ros.listen(StackCount, f"{SPACE}/count", LATCHED)
-        self.of = {name: self.ros.start(name) for name in NODES}
+        self.settings = {"counter": {"estimator": estimator}}
+        self.of = {name: self.ros.start(name, **self.settings.get(name, {})) for name in NODES}
         self.scans, self.clock = 0, 0
         self.heard()
 
@@ -126,9 +127,9 @@ class Station:
 
     def bring_back(self, name: str) -> None:
         """What a supervisor does: starts the node anew and has the others forget the scan."""
-        self.of[name] = self.ros.start(name)
-        self.ros.call(Trigger, f"{SPACE}/reset_reconstruction", Trigger.Request())
-        self.ros.call(Trigger, f"{SPACE}/reset", Trigger.Request())
+        self.of[name] = self.ros.start(name, **self.settings.get(name, {}))
+        self.ros.insist(Trigger, f"{SPACE}/reset_reconstruction")
+        self.ros.insist(Trigger, f"{SPACE}/reset")
         self.heard()
         self.ros.wait(lambda: self.ros.node.count_subscribers(f"{SPACE}/volume") >= 1,
                       "a counter")
@@ -185,10 +186,11 @@ def main() -> int:
     """Prints the figures; ends with 1 where something is not right."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scans", type=int, default=200)
+    parser.add_argument("--estimator", default="network")
     parser.add_argument("--only", choices=("scans", "ends"))
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        station = Station(Path(folder))
+        station = Station(Path(folder), options.estimator)
         try:
             lines = many_scans(station, options.scans) if options.only != "ends" else []
             lines += every_end(station) if options.only != "scans" else []
