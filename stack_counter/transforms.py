@@ -14,7 +14,7 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.errors import ViewError
 
-_KEEP_NS = 60 * 10**9  # samples older than this behind the newest are forgotten
+KEEP_NS = 60 * 10**9  # samples older than this behind the newest are forgotten
 
 
 @dataclass
@@ -33,7 +33,7 @@ class _Edge:
             return
         self.stamps.insert(i, stamp_ns)
         self.poses.insert(i, T)
-        old = bisect.bisect_left(self.stamps, self.stamps[-1] - _KEEP_NS)
+        old = bisect.bisect_left(self.stamps, self.stamps[-1] - KEEP_NS)
         if old:
             del self.stamps[:old], self.poses[:old]
 
