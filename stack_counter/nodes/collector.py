@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import uuid
 from collections import Counter, deque
+from collections.abc import Callable
+from typing import Any
 
 from geometry_msgs.msg import PoseStamped
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from stack_counter_msgs.msg import PosedImage, ScanStatus
 from stack_counter_msgs.srv import StartScan, StopScan
@@ -17,6 +21,7 @@ from stack_counter.assembler import ViewAssembler
 from stack_counter.config import CollectorConfig
 from stack_counter.nodes.base import RELIABLE, ManagedNode, run
 from stack_counter.nodes.conversions import to_header, to_posed_image
+from stack_counter.nodes.recording import ScanRecording
 from stack_counter.types import View
 
 _IN_FLIGHT = 4  # posed images sent that the reconstructor has not yet reported as processed
@@ -27,6 +32,7 @@ class Collector(ManagedNode[CollectorConfig]):
     """Collects the views of a scan between `start_scan` and `stop_scan`."""
 
     def __init__(self) -> None:
+        self._recording = ScanRecording()
         super().__init__("collector", CollectorConfig)
 
     def setup(self, config: CollectorConfig) -> None:
@@ -34,6 +40,8 @@ class Collector(ManagedNode[CollectorConfig]):
         self._config = config
         self._assembler = ViewAssembler(config)
         self._forget_scan()
+        self._recording.configure(config, self.get_logger().warning)
+        self.undo_with(self._recording.close)
         sensor = QoSProfile(depth=30, reliability=ReliabilityPolicy.RELIABLE if config.reliable
                             else ReliabilityPolicy.BEST_EFFORT)
         kind = CompressedImage if config.color_transport == "compressed" else Image
@@ -63,6 +71,26 @@ class Collector(ManagedNode[CollectorConfig]):
         self.serve(StopScan, "stop_scan", self._stop_scan)
         self.serve(Trigger, "reset", self._reset)
         self.tick(0.1, self._collect)
+
+    def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None],
+                  qos: QoSProfile) -> Subscription:
+        """As every node; what comes from cameras and TF is recorded."""
+        return super().subscribe(kind, topic, self._recording.tap(kind, topic, callback), qos)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """As every node; the recording ends."""
+        self._recording.stop("deactivated")
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """The recording ends."""
+        self._recording.stop("shutdown")
+        return super().on_shutdown(state)
+
+    def destroy_node(self) -> None:
+        """As every node; the recording is finished first."""
+        self._recording.close()
+        super().destroy_node()
 
     def _forget_scan(self) -> None:
         self._scan: PosedImage | None = None  # id, part and unit volume of the last scan
@@ -117,7 +145,7 @@ class Collector(ManagedNode[CollectorConfig]):
     def _take(self, views: list[View]) -> None:
         self._outbox.extend(views)
         while len(self._outbox) > _WAITING:
-            self._outbox.popleft()
+            self._recording.overrun(self._outbox.popleft())
             self._lost["overrun"] += 1
         self._send()
 
@@ -155,6 +183,7 @@ class Collector(ManagedNode[CollectorConfig]):
         self._scan = PosedImage(scan_id=request.scan_id or uuid.uuid4().hex[:8],
                                 part=request.part, unit_volume=request.unit_volume)
         self._open = True
+        self._recording.start(self._scan)
         self._report(ScanStatus.SCANNING)
         response.accepted, response.scan_id = True, self._scan.scan_id
         # Asked of the readers: a publisher in the graph may not have been matched yet.
@@ -169,6 +198,7 @@ class Collector(ManagedNode[CollectorConfig]):
             return response
         self._take(self._assembler.flush())
         self._open = False
+        self._recording.stop("stop_scan")  # all views are decided: what follows is of no scan
         response.accepted, response.scan_id = True, self._scan.scan_id
         response.published = self._sent + len(self._outbox)
         self._report(ScanStatus.STOPPED)
@@ -176,6 +206,7 @@ class Collector(ManagedNode[CollectorConfig]):
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget_scan()
+        self._recording.stop("reset")
         self._report(ScanStatus.IDLE)
         response.success = True
         return response
