@@ -138,7 +138,7 @@ def _paths(path: Path) -> list[Path]:
 
 
 def fit_config(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> CollectorConfig:
-    """The settings with topics and transports that the bag has.
+    """The settings with topics and transports that the bag has; a replay is not recorded.
 
     Raises:
         BagError: no colour images.
@@ -151,7 +151,7 @@ def fit_config(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> C
     return replace(
         config, color_transport="raw" if config.color_topic in topics else "compressed",
         depth_topic=config.depth_topic if config.depth_topic in topics else "",
-        labels_topic=labels if labels in topics else "")
+        labels_topic=labels if labels in topics else "", record_folder="")
 
 
 def listened(config: CollectorConfig) -> list[str]:

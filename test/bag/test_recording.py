@@ -13,7 +13,7 @@ from rosbags.interfaces import QosDurability
 
 from stack_counter import geometry
 from stack_counter.bag.info import describe
-from stack_counter.bag.reader import BagReader
+from stack_counter.bag.reader import BagReader, fit_config
 from stack_counter.bag.recorder import Recorder
 from stack_counter.bag.recording import Recording
 from stack_counter.config import CollectorConfig
@@ -91,3 +91,12 @@ def test_a_folder_of_many_scans_is_not_one_bag(tmp_path):
     recorder.close()
     with pytest.raises(BagError, match="recordings of 2 scans; expected one.*_b.mcap"):
         BagReader(tmp_path)
+
+
+def test_a_replay_with_the_settings_of_a_cell_is_not_recorded(tmp_path):
+    """It would push the cell's own recordings out."""
+    record(recorder := Recorder(tmp_path, BIG, print), camera())
+    recorder.close()
+    path, = tmp_path.iterdir()
+    cell = CollectorConfig(record_folder=str(tmp_path))
+    assert fit_config(cell, BagReader(path).topics).record_folder == ""
