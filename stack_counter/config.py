@@ -65,6 +65,10 @@ class CollectorConfig:
     min_sharpness: float = _setting(2.0, "variance of the Laplacian below which an image is "
                                          "blurred, grey levels squared", 0.0, 10000.0,
                                     runtime=True)
+    record_folder: str = _setting("", "folder that every scan is recorded to, one mcap file "
+                                      "each; empty: none")
+    record_max_mb: float = _setting(10000.0, "size of all recordings together, MB; the oldest are "
+                                             "deleted", 1.0, 1e8)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from stack_counter import geometry
 from stack_counter.errors import ViewError
 
 _JUMP_NS = 10**9  # back by more than this is no sample that is late
-_KEEP_NS = 60 * 10**9  # samples older than this behind the newest are forgotten
+KEEP_NS = 60 * 10**9  # samples older than this behind the newest are forgotten
 
 
 @dataclass
@@ -26,17 +26,22 @@ class _Edge:
     static: bool
     stamps: list[int] = field(default_factory=list)
     poses: list[np.ndarray] = field(default_factory=list)
+    behind: int = -1  # stamp of the last sample, if it was much older than the newest
 
     def add(self, stamp_ns: int, T: np.ndarray) -> None:
-        if self.stamps and self.stamps[-1] - stamp_ns > _JUMP_NS:  # the clock was set back
-            self.stamps, self.poses = [], []
+        behind, self.behind = self.behind, -1
+        if self.stamps and self.stamps[-1] - stamp_ns > _JUMP_NS:
+            self.behind = stamp_ns
+            if -1 < behind < stamp_ns:  # two in a row: the clock was set back
+                later = bisect.bisect_right(self.stamps, stamp_ns)
+                del self.stamps[later:], self.poses[later:]
         i = bisect.bisect_left(self.stamps, stamp_ns)
         if i < len(self.stamps) and self.stamps[i] == stamp_ns:
             self.poses[i] = T
             return
         self.stamps.insert(i, stamp_ns)
         self.poses.insert(i, T)
-        old = bisect.bisect_left(self.stamps, self.stamps[-1] - _KEEP_NS)
+        old = bisect.bisect_left(self.stamps, self.stamps[-1] - KEEP_NS)
         if old:
             del self.stamps[:old], self.poses[:old]
 

@@ -19,6 +19,7 @@ def describe(path: Path, config: CollectorConfig) -> str:
     reader = BagReader(path)
     lines = ["topics"] + [f"  {topic}  {kind}  {count}"
                           for topic, (kind, count) in reader.topics.items()]
+    lines += [f"recorded {key}: {value}" for key, value in reader.facts.items()]
     problems = ["the bag is cut short"] if reader.truncated else []
     try:
         rig = fit_rig(rig_of(config), reader.topics)

@@ -21,7 +21,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Schema, Statistics
+from mcap.records import Channel, Chunk, Metadata, Schema, Statistics
 
 from stack_counter.errors import BagError
 
@@ -55,6 +55,7 @@ class McapFile:
         channels: by number.
         schemas: by number.
         counts: messages by number of channel.
+        metadata: values by key, of each name.
         blocks: in file order.
         truncated: the file ends early, or a part of it is damaged and was left out.
     """
@@ -69,6 +70,7 @@ class McapFile:
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, Schema] = {}
         self.counts: Counter[int] = Counter()
+        self.metadata: dict[str, dict[str, str]] = {}
         self.blocks: list[Block] = []
         self.truncated = True
         with open(path, "rb") as file:
@@ -119,6 +121,9 @@ class McapFile:
         elif opcode == Opcode.CHANNEL:
             channel = Channel.read(_stream(source.read(length)))
             self.channels[channel.id] = channel
+        elif opcode == Opcode.METADATA:
+            metadata = Metadata.read(_stream(source.read(length)))
+            self.metadata.setdefault(metadata.name, {}).update(metadata.metadata)
 
     def load(self, block: Block) -> list[RawMessage]:
         """The messages of a block, in file order; of one cut short, those that are whole.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import json
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ import yaml
 from mcap_ros2.decoder import DecoderFactory
 
 from stack_counter.bag.mcap_file import McapFile, RawMessage
+from stack_counter.bag.record_names import FACTS, finished
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
 from stack_counter.rig import Rig, RigAssembler
@@ -37,6 +39,7 @@ class BagReader:
 
     Attributes:
         topics: type name and number of messages by topic, of topics that have messages.
+        facts: what the collector has noted with the recording of a scan; else empty.
     """
 
     def __init__(self, path: Path):
@@ -58,11 +61,19 @@ class BagReader:
                     types[channel.topic] = schema.name
                     counts[channel.topic] += count
         self.topics = {topic: (types[topic], counts[topic]) for topic in sorted(types)}
+        self.facts = {key: value for file in self._files
+                      for key, value in file.metadata.get(FACTS, {}).items()}
+
+    @property
+    def overrun(self) -> set[tuple[str, int]]:
+        """Camera and stamp of the views that the recorded scan had no time for and left out."""
+        return {(camera, stamp) for camera, stamp in json.loads(self.facts.get("overrun", "[]"))}
 
     @property
     def truncated(self) -> bool:
-        """A file ends early or is damaged."""
-        return any(file.truncated for file in self._files)
+        """A file ends early or is damaged, or its recording ended before the scan."""
+        return any(file.truncated for file in self._files) \
+            or self.facts.get("ended", "").startswith("cut")
 
     def records(self, topics: set[str]) -> Iterator[Record]:
         """The messages of these topics in log-time order; of equal times, in file order."""
@@ -105,6 +116,9 @@ def _paths(path: Path) -> list[Path]:
     if not paths:
         raise BagError(f"no .mcap file in {path}; it holds "
                        f"{sorted(p.name for p in path.iterdir())[:8]}")
+    if len(scans := finished(path)) > 1:
+        raise BagError(f"{path} holds the recordings of {len(scans)} scans; expected one: name "
+                       f"its file, e.g. {scans[-1]}")
     try:
         metadata = yaml.safe_load((path / "metadata.yaml").read_text())
         told = metadata["rosbag2_bagfile_information"]
@@ -124,7 +138,8 @@ def _paths(path: Path) -> list[Path]:
 
 
 def fit_config(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> CollectorConfig:
-    """The settings of one camera with topics and transports that the bag has.
+    """The settings of one camera with topics and transports that the bag has; a replay is not
+    recorded.
 
     Raises:
         BagError: no colour images.
@@ -137,7 +152,7 @@ def fit_config(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> C
     return replace(
         config, color_transport="raw" if config.color_topic in topics else "compressed",
         depth_topic=config.depth_topic if config.depth_topic in topics else "",
-        labels_topic=labels if labels in topics else "")
+        labels_topic=labels if labels in topics else "", record_folder="")
 
 
 def fit_rig(rig: Rig, topics: dict[str, tuple[str, int]]) -> Rig:

@@ -128,12 +128,15 @@ def _volume(stack: StackCounter, path: Path, collector: CollectorConfig, rate: f
     begin = time.perf_counter()
     reader = BagReader(path)
     assembler = RigAssembler(fit_rig(rig_of(collector), reader.topics), live=False)
-    first_ns: int | None = None
+    first_ns, overrun = None, reader.overrun
     for _, view in read_views(reader, assembler):
         first_ns = view.stamp_ns if first_ns is None else first_ns
         if rate:
             due = begin + (view.stamp_ns - first_ns) * 1e-9 / rate
             time.sleep(max(due - time.perf_counter(), 0))
+        if (view.camera, view.stamp_ns) in overrun:
+            stack.skip(ViewError("overrun", "the recorded scan had no time for this view"))
+            continue
         try:
             stack.add_view(view)
             after_view()

@@ -12,6 +12,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from stack_counter_msgs.msg import PosedImage, ScanStatus
 from stack_counter_msgs.srv import StartScan, StopScan
@@ -26,6 +27,7 @@ from stack_counter.nodes.base import RELIABLE, ManagedNode, run
 from stack_counter.nodes.conversions import to_header, to_posed_image
 from stack_counter.nodes.diagnostics import WARN, Rate
 from stack_counter.nodes.outbox import Outbox, Scan
+from stack_counter.nodes.recording import ScanRecording
 from stack_counter.parts import resolve_unit_volume
 from stack_counter.rig import RigAssembler, rig_of
 from stack_counter.types import View, ViewTally
@@ -40,6 +42,7 @@ class Collector(ManagedNode[CollectorConfig]):
     cycle of a rig's cameras."""
 
     def __init__(self) -> None:
+        self._recording = ScanRecording()
         super().__init__("collector", CollectorConfig)
 
     def setup(self, config: CollectorConfig) -> None:
@@ -54,6 +57,8 @@ class Collector(ManagedNode[CollectorConfig]):
         self._taken = False  # messages of cameras since the clock was looked at
         self._heard = False  # the reconstructor says that posed images reach it
         self._forget_scans()
+        self._recording.configure(config, self.get_logger().warning)
+        self.undo_with(self._recording.close)
         self._inputs = []
         sensor = QoSProfile(depth=30, reliability=ReliabilityPolicy.RELIABLE if config.reliable
                             else ReliabilityPolicy.BEST_EFFORT)
@@ -84,6 +89,26 @@ class Collector(ManagedNode[CollectorConfig]):
                 camera.config, min_motion_m=config.min_motion_m,
                 min_motion_rad=config.min_motion_rad, min_change=config.min_change,
                 min_sharpness=config.min_sharpness))
+
+    def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None],
+                  qos: QoSProfile) -> Subscription:
+        """As every node; what comes from cameras and TF is recorded."""
+        return super().subscribe(kind, topic, self._recording.tap(kind, topic, callback), qos)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """As every node; the recording ends."""
+        self._recording.stop("deactivated")
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """The recording ends."""
+        self._recording.stop("shutdown")
+        return super().on_shutdown(state)
+
+    def destroy_node(self) -> None:
+        """As every node; the recording is finished first."""
+        self._recording.close()
+        super().destroy_node()
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """From now on data is taken; scans that need no asking start."""
@@ -182,7 +207,9 @@ class Collector(ManagedNode[CollectorConfig]):
         for camera, view in views:
             if self._config.mode != "cycle":
                 assert self._scan is not None  # for the type checker
-                self._scan.add(camera, view)
+                dropped = self._scan.add(camera, view)
+                if dropped is not None:
+                    self._recording.overrun(dropped)
                 continue
             try:
                 for cycle in self._former.add(camera, view):
@@ -203,6 +230,7 @@ class Collector(ManagedNode[CollectorConfig]):
             self.get_logger().error(f"scan '{dropped.scan_id}' given up: {len(self._outbox)} "
                                     "scans wait; expected a faster reconstructor or longer cycles")
         self._close(scan)
+        self._recording.start(Scan("cycle", *self._asked))  # what comes is of the next one
 
     def _send(self) -> None:
         while self._heard and (due := self._outbox.due()) is not None:
@@ -245,10 +273,13 @@ class Collector(ManagedNode[CollectorConfig]):
             self._scan = Scan(scan_id or uuid.uuid4().hex[:8], *self._asked,
                               newest_only=self._config.mode == "continuous")
             self._outbox.open(self._scan)
+        self._recording.start(self._scan or Scan("cycle", *self._asked))
         self._report(ScanStatus.SCANNING)
 
     def _close(self, scan: Scan) -> None:
         """No more views come; the reconstructor hears of it when it is this scan's turn."""
+        # All views are decided: what follows is of no scan, or of another.
+        self._recording.stop("stop_scan")
         scan.tally, scan.closed = self._tally(), True
         self._counted, self._late = self._assembler.tally, Counter()
         self._scan = scan
@@ -313,6 +344,7 @@ class Collector(ManagedNode[CollectorConfig]):
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget_scans()
+        self._recording.stop("reset")
         self._heard = False  # until it says so again: it may be another one
         self._report(ScanStatus.IDLE)
         if self.active and self._config.mode != "scan":

@@ -47,13 +47,16 @@ class Scan:
         """Of it that reach the reconstructor."""
         return self.sent + len(self.waiting)
 
-    def add(self, camera: str, view: View) -> None:
-        """One more view; the oldest one of its camera goes if there are too many."""
+    def add(self, camera: str, view: View) -> View | None:
+        """One more view; the oldest one of its camera goes, and is returned, if there are too
+        many."""
         self.waiting.append((camera, view))
         same = [item for item in self.waiting if item[0] == camera]
         if len(same) > (1 if self.newest_only else _WAITING):
             self.waiting = deque(item for item in self.waiting if item is not same[0])
             self.lost["superseded" if self.newest_only else "overrun"] += 1
+            return same[0][1]
+        return None
 
     @property
     def has_room(self) -> bool:
