@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,7 +37,8 @@ _SHALLOW = 0.35  # mean height in l below which a stack is a scattering of parts
 # tenth off.
 _LEAST_WIDTH = 3.5
 _LARGEST_GAMMA = 0.98
-_TENSORS = ("scores", "middle", "whiten", "reach")
+_DOUBTED, _SINGLE_VIEW = 1.5, 2.0  # times the spread, where there are reasons; of a key view alone
+_TENSORS = ("scores", "scores_one_side", "middle", "whiten", "reach")
 
 
 class Network:
@@ -62,8 +64,8 @@ class Network:
         if set(more) != set(_TENSORS):
             raise WeightsError(f"{path or shipped} has calibration {sorted(more)}; expected "
                                f"{sorted(_TENSORS)}")
-        self._scores, self._middle, self._whiten, self._reach = (
-            more[name].double().numpy() for name in _TENSORS)
+        self._scores, self._one_side, *known = (more[name].double().numpy() for name in _TENSORS)
+        self._known = Known(*known)
         self.name = f"network {facts.get('version', 'unnamed')}"
         self._without_depth = without_depth
         self._monocular: MonocularDepth | None = None
@@ -87,16 +89,15 @@ class Network:
         from_key_view = volume.top is None
         if not maps.height.any():
             return OccupancyEstimate(0.5, 0.25, self._scores, self.name)
+        scores = self._one_side if "one_side" in volume.reasons else self._scores
         log_gamma, spread, form = predict(self._members, maps)
         gamma = min(float(np.exp(log_gamma)), _LARGEST_GAMMA)
-        far = self.strangeness(maps)
-        reasons = list(odd_about(maps, gamma, volume, unit_volume, float(np.exp(form[0]))))
+        reasons, wider = doubts(
+            maps, gamma * volume.stack_volume / unit_volume, float(np.exp(form[0])),
+            volume.container.kind not in ("none", "hull"), self._known)
         if from_key_view:
-            reasons.append("single_view")
-        if far > 1:
-            reasons.append("unlike_training")
-        wider = max(far, 2.0 if from_key_view else 1.5 if reasons else 1.0)
-        return OccupancyEstimate(gamma, gamma * spread * wider, self._scores, self.name,
+            reasons, wider = [*reasons, "single_view"], max(wider, _SINGLE_VIEW)
+        return OccupancyEstimate(gamma, gamma * spread * wider, scores, self.name,
                                  tuple(reasons))
 
     def _maps(self, volume: StackVolume, unit_volume: float) -> StackMaps | None:
@@ -110,11 +111,20 @@ class Network:
             return picture_maps(view, self._monocular.nearness(view.color))
         return None
 
+
+@dataclass(frozen=True)
+class Known:
+    """What surfaces were learnt from: the middle of their features (6,), what whitens them (6, 6),
+    and the distance that 99 of 100 of them keep from it (1,)."""
+
+    middle: np.ndarray
+    whiten: np.ndarray
+    reach: np.ndarray
+
     def strangeness(self, maps: StackMaps) -> float:
-        """Mahalanobis distance of the surface's features from the training's, over that which
-        99 of 100 training stacks keep."""
-        away = (describe(maps) - self._middle) @ self._whiten
-        return float(np.linalg.norm(away) / self._reach[0])
+        """Mahalanobis distance of a surface's features from the middle, over that reach."""
+        away = (describe(maps) - self.middle) @ self.whiten
+        return float(np.linalg.norm(away) / self.reach[0])
 
 
 def predict(members: Sequence[nn.Module], maps: StackMaps) -> tuple[float, float, np.ndarray]:
@@ -133,16 +143,24 @@ def predict(members: Sequence[nn.Module], maps: StackMaps) -> tuple[float, float
             weights @ form)
 
 
-def odd_about(maps: StackMaps, gamma: float, volume: StackVolume, unit_volume: float,
-              size: float) -> list[str]:
-    """Reasons to doubt an estimate; `size`: of a part, as the network sees it, in l."""
-    heights = maps.height[maps.valid]
-    reasons = []
-    if heights.mean() < _SHALLOW:
+def doubts(maps: StackMaps, parts: float, size: float, walled: bool, known: Known
+           ) -> tuple[list[str], float]:
+    """Reasons to doubt an estimate, and how much wider they make its spread.
+
+    Args:
+        maps: the surface.
+        parts: how many there seem to be.
+        size: of a part, as the network sees it, in l.
+        walled: in a container.
+        known: what was learnt from.
+    """
+    far, reasons = known.strangeness(maps), []
+    if maps.height[maps.valid].mean() < _SHALLOW:
         reasons.append("shallow_stack")
-    if gamma * volume.stack_volume / unit_volume < _LEAST_PARTS:
+    if parts < _LEAST_PARTS:
         reasons.append("few_parts")
-    if min(maps.valid.shape) / PIXELS_PER_LENGTH < _LEAST_WIDTH * size and \
-            volume.container.kind not in ("none", "hull"):
+    if walled and min(maps.valid.shape) / PIXELS_PER_LENGTH < _LEAST_WIDTH * size:
         reasons.append("large_part")
-    return reasons
+    if far > 1:
+        reasons.append("unlike_training")
+    return reasons, max(far, _DOUBTED if reasons else 1.0)

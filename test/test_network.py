@@ -1,5 +1,7 @@
 """The network as an estimator: which stacks it knows, and what it says of others."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -23,7 +25,8 @@ def weights(tmp_path):
     middle = describe(stack_maps(stack(hills(1.0)), V))
     path = tmp_path / "w.safetensors"
     save_members(path, nets, {"version": "test"}, {
-        "scores": torch.linspace(-2, 2, 41), "middle": torch.tensor(middle),
+        "scores": torch.linspace(-2, 2, 41), "scores_one_side": torch.linspace(-3, 3, 21),
+        "middle": torch.tensor(middle),
         "whiten": torch.eye(6, dtype=torch.double) / 0.2, "reach": torch.tensor([3.0])})
     return path
 
@@ -37,6 +40,11 @@ def test_it_says_gamma_and_who_it_is(weights):
     assert 0 < estimate.gamma < 1 and estimate.gamma_std > 0
     assert estimate.estimator == "network test" and estimate.reasons == ()
     assert len(estimate.scores) == 41
+
+
+def test_a_stack_seen_from_one_side_has_scores_of_its_own(weights):
+    seen = replace(stack(hills(1.0)), reasons=("one_side",))
+    assert len(network(weights).estimate(seen, V).scores) == 21
 
 
 def test_the_same_stack_gives_the_same_answer(weights):

@@ -1,7 +1,7 @@
 """Joins trained members to the file that is shipped, with the errors they make on families they
 have not seen.
 
-    python -m stack_counter.train.calibrate RUN --scans SCANS --out gamma.safetensors
+    python -m stack_counter.train.calibrate RUN --scans SCANS --one-view SINGLE --out WEIGHTS
 
 Each truly fused scan is counted by the one member that never saw its family; the scores are of the
 whole count, gamma and V together.
@@ -13,7 +13,7 @@ import argparse
 import json
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from torch import nn
 from stack_counter.errors import ConfigError
 from stack_counter.gamma_input import describe
 from stack_counter.gamma_net import save_members
-from stack_counter.network import predict
+from stack_counter.network import Known, doubts, predict
 from stack_counter.train.batches import fold_of
 from stack_counter.train.fused import Scan, read_scans
 from stack_counter.train.gamma import read_member
@@ -43,30 +43,38 @@ class Residual:
     spread: float
 
 
-def residuals(members: dict[int, nn.Module], scans: list[Scan], fold: dict[str, int]
-              ) -> list[Residual]:
-    """Of all scans of whose fold there is a member."""
+def residuals(members: dict[int, nn.Module], scans: list[Scan], fold: dict[str, int],
+              known: Known) -> list[Residual]:
+    """Of all scans of whose fold there is a member; doubted as at run time."""
     out = []
     for scan in scans:
         net = members.get(fold[scan.sample.family])
         if net is None or not scan.volume > 0 or not scan.sample.maps.height.any():
             continue
-        log_gamma, spread, _ = predict([net], scan.sample.maps)
+        sample = scan.sample
+        log_gamma, spread, form = predict([net], sample.maps)
+        parts = float(np.exp(log_gamma)) * scan.volume / sample.length_m**3
+        _, wider = doubts(sample.maps, parts, float(np.exp(form[0])), sample.kind != "none", known)
         miss = np.log(scan.sample.gamma) - log_gamma + np.log(scan.true_volume / scan.volume)
         out.append(Residual(scan, float(np.exp(log_gamma)), float(miss),
-                            float(np.hypot(spread, scan.volume_std / scan.volume))))
+                            float(np.hypot(spread * wider, scan.volume_std / scan.volume))))
     return out
 
 
-def known(scans: list[Scan]) -> dict[str, torch.Tensor]:
-    """Middle and spread of the features of surfaces, and how far from it training stacks lie."""
+def known_from(scans: list[Scan]) -> Known:
+    """What the surfaces of scans say."""
     features = np.array([describe(s.sample.maps) for s in scans if s.sample.maps.height.any()])
     middle = features.mean(axis=0)
     values, vectors = np.linalg.eigh(np.cov(features.T) + _SOFT * np.eye(features.shape[1]))
     whiten = vectors / np.sqrt(values)
     reach = np.quantile(np.linalg.norm((features - middle) @ whiten, axis=1), _KNOWN)
-    return {"middle": torch.tensor(middle), "whiten": torch.tensor(whiten),
-            "reach": torch.tensor([reach])}
+    return Known(middle, whiten, np.array([reach]))
+
+
+def scores(of: list[Residual]) -> torch.Tensor:
+    """(n,) errors in the standard deviations that were predicted for them, sorted, of scans whose
+    container was found."""
+    return torch.tensor(np.sort([r.log_count / r.spread for r in of if r.scan.found]))
 
 
 def metrics(of: list[Residual]) -> dict[str, float]:
@@ -86,6 +94,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("run", type=Path, help="folder of member_*.pt")
     parser.add_argument("--scans", type=Path, required=True)
+    parser.add_argument("--one-view", type=Path, required=True, metavar="DIR",
+                        help="scans of one view each, for stacks that are seen from one side")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--encoder-weights", type=Path, metavar="DIR", help="of DINOv2")
     parser.add_argument("--version", default="1", help="said in every message")
@@ -97,14 +107,18 @@ def main() -> int:
                for path in paths}
     scans = read_scans(options.scans)
     families = json.loads((options.run / "families.json").read_text())
-    of = residuals(members, scans, fold_of(families))
-    scores = torch.tensor(np.sort([r.log_count / r.spread for r in of if r.scan.found]))
+    single = read_scans(options.one_view)
+    known, fold = known_from(scans + single), fold_of(families)
+    of, of_one = (residuals(members, group, fold, known) for group in (scans, single))
+    tensors = {"scores": scores(of), "scores_one_side": scores(of_one),
+               **{name: torch.tensor(value) for name, value in asdict(known).items()}}
     found = {f"{k}_found": v for k, v in metrics([r for r in of if r.scan.found]).items()}
-    errors = {k: round(v, 4) for k, v in {**metrics(of), **found}.items()}
+    one = {f"{k}_one_view": v for k, v in metrics([r for r in of_one if r.scan.found]).items()}
+    errors = {k: round(v, 4) for k, v in {**metrics(of), **found, **one}.items()}
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True,
                             text=True, check=False).stdout.strip()
     facts = {"version": options.version, "commit": commit, "errors": json.dumps(errors)}
-    save_members(options.out, list(members.values()), facts, {"scores": scores, **known(scans)})
+    save_members(options.out, list(members.values()), facts, tensors)
     print(json.dumps(errors, indent=2))
     for name in sorted({r.scan.sample.kind for r in of}):
         group = [r for r in of if r.scan.sample.kind == name and r.scan.found]

@@ -82,7 +82,7 @@ def test_a_folder_without_scenes_is_refused(tmp_path):
     import argparse
 
     def options(text):
-        return argparse.Namespace(data=[text], scans=None, cache=tmp_path / "c", workers=1)
+        return argparse.Namespace(data=[text], scans=[], cache=tmp_path / "c", workers=1)
     with pytest.raises(ConfigError, match="expected shard_"):
         gamma.load_data(options(tmp_path))
     with pytest.raises(ConfigError, match="weight 'x'"):
@@ -102,11 +102,14 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
         return 0.0, 0.2, np.zeros(3)
     monkeypatch.setattr(calibrate, "predict", predict)
     nets = {0: GammaNet(SMALL), 1: GammaNet(SMALL)}
-    of = calibrate.residuals(nets, scans, fold)
+    of = calibrate.residuals(nets, scans, fold, calibrate.known_from(scans))
     assert len(of) == 24
     assert all(net is nets[fold[r.scan.sample.family]] for net, r in zip(seen, of))
     assert of[0].log_count == pytest.approx(np.log(of[0].scan.sample.gamma) - np.log(1.1))
     assert of[0].spread == pytest.approx(np.hypot(0.2, 2 / 110))
+    unknown = calibrate.Known(np.full(6, 99.0), np.eye(6), np.ones(1))
+    doubted = calibrate.residuals(nets, scans, fold, unknown)
+    assert all(a.spread > 9 * b.spread for a, b in zip(doubted, of))  # as the run time widens it
 
 
 def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys):
@@ -122,10 +125,11 @@ def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys):
     samples = [sample(i, families[i % 2]) for i in range(20)]
     write_samples(scans / "a.npz", samples, more=np.tile([1e-3, 1e-3, 1e-5, 1], (20, 1)))
     out = tmp_path / "gamma.safetensors"
-    monkeypatch.setattr("sys.argv", ["calibrate", str(run), "--scans", str(scans), "--out",
+    monkeypatch.setattr("sys.argv", ["calibrate", str(run), "--scans", str(scans), "--one-view",
+                                     str(scans), "--out",
                                      str(out), "--version", "t1"])
     assert calibrate.main() == 0
     assert "gamma_mae" in capsys.readouterr().out
     network = Network(out, Prior(Baselines()))
     assert network.name == "network t1"
-    assert network.strangeness(samples[0].maps) < 1.5
+    assert network._known.strangeness(samples[0].maps) < 1.5
