@@ -80,6 +80,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_replay(commands)
+    run = commands.add_parser("run", help="start the three ROS 2 nodes and keep them running")
+    run.add_argument("--config", type=Path, metavar="FILE", help="settings (ROS parameters)")
+    run.set_defaults(run=_run)
     importer = commands.add_parser("import", help="nerfstudio folder to bag")
     importer.add_argument("scene", type=Path, help="folder with transforms.json")
     importer.add_argument("out", type=Path, help="bag to write (a new folder)")
@@ -226,6 +229,14 @@ def _replay(options: argparse.Namespace) -> int:
     if options.report:
         write_report(options.report, result.count, result.counts)
     return 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    path = options.config or config_path("stack_counter.yaml")
+    load(path)  # or say why not, before anything starts
+    from stack_counter.nodes.supervisor import supervise
+
+    return supervise(path)
 
 
 def _true_count(bag: Path) -> int | None:

@@ -1,0 +1,77 @@
+"""`stack-counter run`: three nodes, one of which is killed in mid-scan."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from harness import LATCHED, Camera
+from stack_counter_msgs.msg import ScanStatus, StackCount
+from stack_counter_msgs.srv import StartScan
+
+from stack_counter.cli import main
+
+SPACE = "/stack_counter"
+
+
+def children(process):
+    """Process ids of the nodes, by name."""
+    ids = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    lines = {int(i): Path(f"/proc/{i}/cmdline").read_text() for i in ids}
+    return {name: i for i, line in lines.items()
+            for name in ("collector", "reconstructor", "counter") if f"nodes.{name}" in line}
+
+
+def test_a_node_that_is_killed_comes_back_and_its_scan_is_reported_lost(ros, tmp_path):
+    settings = tmp_path / "p.yaml"
+    settings.write_text(
+        '/stack_counter/collector: {ros__parameters: {depth_topic: ""}}\n'
+        "/stack_counter/counter: {ros__parameters: {estimator: prior}}\n")
+    log = open(tmp_path / "run.log", "w")
+    run = subprocess.Popen([sys.executable, "-m", "stack_counter", "run", "--config",
+                            str(settings)], stdout=log, stderr=subprocess.STDOUT,
+                           env={**os.environ, **ros.environment})
+    ros.processes.append(run)
+    counts = ros.listen(StackCount, f"{SPACE}/count", LATCHED)
+    states = ros.listen(ScanStatus, f"{SPACE}/scan_status")
+    said = ros.listen(DiagnosticArray, "/diagnostics")
+
+    def greeted():
+        return any(s.node == "reconstructor" for s in states)
+    camera = Camera(ros)
+    ros.wait(greeted, "the reconstructor")
+    assert ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(
+        scan_id="doomed", unit_volume=1e-6)).accepted
+    camera(0)
+    ros.wait(lambda: any(s.scan_id == "doomed" and s.received for s in states), "a view")
+    before = children(run)
+    os.kill(before["reconstructor"], signal.SIGKILL)
+    ros.wait(lambda: counts and counts[-1].scan_id == "doomed", "word of the lost scan")
+    assert counts[-1].status == StackCount.STATUS_ERROR and counts[-1].final
+    assert counts[-1].error == "scan 'doomed' lost: reconstructor ended with signal 9"
+    ros.wait(lambda: any(s.level == DiagnosticStatus.ERROR and "signal 9" in s.message
+                         for m in said for s in m.status), "an error in the diagnostics")
+    states.clear()
+    ros.wait(greeted, "the reconstructor again")
+    after = children(run)
+    assert after["reconstructor"] != before["reconstructor"]
+    assert after["collector"] == before["collector"]
+    ros.wait(lambda: ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(
+        scan_id="next")).accepted, "the next scan")
+    ros.processes.remove(run)
+    run.send_signal(signal.SIGTERM)
+    assert run.wait(30) == 0
+    assert not any(Path(f"/proc/{i}").exists() for i in after.values())
+    log.close()
+    text = (tmp_path / "run.log").read_text()
+    assert "scan 'doomed' lost" in text and "Traceback" not in text
+
+
+def test_bad_settings_are_one_line_and_start_nothing(tmp_path, capsys):
+    path = tmp_path / "p.yaml"
+    path.write_text("/stack_counter/counter: {ros__parameters: {confidence: 7.0}}\n")
+    assert main(["run", "--config", str(path)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert main(["run", "--config", str(tmp_path / "none.yaml")]) == 2
