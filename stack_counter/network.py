@@ -38,7 +38,7 @@ _SHALLOW = 0.35  # mean height in l below which a stack is a scattering of parts
 _LEAST_WIDTH = 3.5
 _LARGEST_GAMMA = 0.98
 _DOUBTED, _SINGLE_VIEW = 1.5, 2.0  # times the spread, where there are reasons; of a key view alone
-_TENSORS = ("scores", "scores_one_side", "middle", "whiten", "reach")
+_TENSORS = ("scores", "scores_one_side", "centers", "middle", "whiten", "reach")
 
 
 class Network:
@@ -64,7 +64,8 @@ class Network:
         if set(more) != set(_TENSORS):
             raise WeightsError(f"{path or shipped} has calibration {sorted(more)}; expected "
                                f"{sorted(_TENSORS)}")
-        self._scores, self._one_side, *known = (more[name].double().numpy() for name in _TENSORS)
+        self._scores, self._one_side, self._centers, *known = (
+            more[name].double().numpy() for name in _TENSORS)
         self._known = Known(*known)
         self.name = f"network {facts.get('version', 'unnamed')}"
         self._without_depth = without_depth
@@ -89,9 +90,10 @@ class Network:
         from_key_view = volume.top is None
         if not maps.height.any():
             return OccupancyEstimate(0.5, 0.25, self._scores, self.name)
-        scores = self._one_side if "one_side" in volume.reasons else self._scores
+        one_side = "one_side" in volume.reasons
+        scores = self._one_side if one_side else self._scores
         log_gamma, spread, form = predict(self._members, maps)
-        gamma = min(float(np.exp(log_gamma)), _LARGEST_GAMMA)
+        gamma = min(float(np.exp(log_gamma + self._centers[int(one_side)])), _LARGEST_GAMMA)
         reasons, wider = doubts(
             maps, gamma * volume.stack_volume / unit_volume, float(np.exp(form[0])),
             volume.container.kind not in ("none", "hull"), self._known)

@@ -26,7 +26,7 @@ def weights(tmp_path):
     path = tmp_path / "w.safetensors"
     save_members(path, nets, {"version": "test"}, {
         "scores": torch.linspace(-2, 2, 41), "scores_one_side": torch.linspace(-3, 3, 21),
-        "middle": torch.tensor(middle),
+        "centers": torch.tensor([0.1, 0.0]), "middle": torch.tensor(middle),
         "whiten": torch.eye(6, dtype=torch.double) / 0.2, "reach": torch.tensor([3.0])})
     return path
 
@@ -44,7 +44,9 @@ def test_it_says_gamma_and_who_it_is(weights):
 
 def test_a_stack_seen_from_one_side_has_scores_of_its_own(weights):
     seen = replace(stack(hills(1.0)), reasons=("one_side",))
-    assert len(network(weights).estimate(seen, V).scores) == 21
+    one, other = (network(weights).estimate(s, V) for s in (seen, stack(hills(1.0))))
+    assert len(one.scores) == 21
+    assert other.gamma == pytest.approx(one.gamma * np.exp(0.1))
 
 
 def test_the_same_stack_gives_the_same_answer(weights):

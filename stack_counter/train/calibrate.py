@@ -71,10 +71,17 @@ def known_from(scans: list[Scan]) -> Known:
     return Known(middle, whiten, np.array([reach]))
 
 
+def center_of(of: list[Residual]) -> float:
+    """Median log of true over said gamma, of scans whose container was found: what members say of
+    families that they have not seen is corrected by it."""
+    return float(np.median([np.log(r.scan.sample.gamma / r.gamma) for r in of if r.scan.found]))
+
+
 def scores(of: list[Residual]) -> torch.Tensor:
-    """(n,) errors in the standard deviations that were predicted for them, sorted, of scans whose
-    container was found."""
-    return torch.tensor(np.sort([r.log_count / r.spread for r in of if r.scan.found]))
+    """(n,) errors after that correction, in the standard deviations that were predicted for them,
+    sorted, of scans whose container was found."""
+    center = center_of(of)
+    return torch.tensor(np.sort([(r.log_count - center) / r.spread for r in of if r.scan.found]))
 
 
 def metrics(of: list[Residual]) -> dict[str, float]:
@@ -111,6 +118,7 @@ def main() -> int:
     known, fold = known_from(scans + single), fold_of(families)
     of, of_one = (residuals(members, group, fold, known) for group in (scans, single))
     tensors = {"scores": scores(of), "scores_one_side": scores(of_one),
+               "centers": torch.tensor([center_of(of), center_of(of_one)], dtype=torch.double),
                **{name: torch.tensor(value) for name, value in asdict(known).items()}}
     found = {f"{k}_found": v for k, v in metrics([r for r in of if r.scan.found]).items()}
     one = {f"{k}_one_view": v for k, v in metrics([r for r in of_one if r.scan.found]).items()}
