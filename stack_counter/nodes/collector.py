@@ -315,7 +315,8 @@ class Collector(ManagedNode[CollectorConfig]):
             self._close(self._scan)
         if mode != "cycle" or not self._open:
             self._begin(request.scan_id)
-        response.accepted, response.scan_id = True, self._scan.scan_id if self._scan else ""
+        response.accepted = True  # in cycle mode the next cycle is the scan: it has no name yet
+        response.scan_id = self._scan.scan_id if self._scan and mode != "cycle" else ""
         # Asked of the readers: a publisher in the graph may not have been matched yet.
         response.unmatched_topics = [s.topic_name for s in self._inputs
                                      if not s.get_publisher_count()]
