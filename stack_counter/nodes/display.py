@@ -53,4 +53,4 @@ class Display:
         if final or self._markers.get_subscription_count():
             self._markers.publish(scene_markers(volume, region, views, header))
         if final or self._points.get_subscription_count():
-            self._points.publish(surface_points(volume and volume.mesh, header))
+            self._points.publish(surface_points(volume.mesh if volume else None, header))

@@ -46,7 +46,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self.undo_with(self._free)
         self._volume = self.advertise(StackVolume, "volume", LATCHED)
         self._status = self.advertise(ScanStatus, "scan_status", RELIABLE)
-        self._display, self._reports = Display(self), ReportService(self)
+        self._display, self._reports = Display(self), ReportService(self, config.report_folder)
         self._images = self.subscribe(PosedImage, "posed_images", self._on_image, RELIABLE)
         self.subscribe(ScanStatus, "scan_status", self._on_status, RELIABLE)
         self.serve(Trigger, "reset_reconstruction", self._reset)

@@ -15,7 +15,6 @@ from stack_counter_msgs.msg import StackCount as StackCountMsg
 from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
 from std_srvs.srv import Trigger
 
-from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.messages import stamp_ns
 from stack_counter.nodes.base import LATCHED, ManagedNode
@@ -30,11 +29,13 @@ _LONGEST = 40  # letters of a scan's id in the name of its folder
 class ReportService:
     """Brings each volume together with its count."""
 
-    def __init__(self, node: ManagedNode[ReconstructorConfig]):
-        self._node = node
+    def __init__(self, node: ManagedNode, folder: str):
+        """Offers the service; `folder` as the parameter `report_folder`."""
+        self._folder = folder
         # Volumes that are not counted yet, with their scan and whether they are its last.
         self._waiting: deque[tuple[str, bool, StackVolume]] = deque(maxlen=_AHEAD)
         self._last: tuple[str, StackCount] | None = None  # scan id and count
+        self._written: Path | None = None  # its report
         self._error = "nothing was counted yet; expected a scan and a counter"
         node.subscribe(StackCountMsg, "count", self._on_count, LATCHED)
         node.serve(Trigger, "write_report", self._write)
@@ -45,7 +46,8 @@ class ReportService:
 
     def _on_count(self, message: StackCountMsg) -> None:
         if message.error:
-            self._last, self._error = None, f"scan '{message.scan_id}': {message.error}"
+            self._last, self._written = None, None
+            self._error = f"scan '{message.scan_id}': {message.error}"
             self._waiting = deque((w for w in self._waiting if w[0] != message.scan_id), _AHEAD)
             return
         key = message.scan_id, message.final, stamp_ns(message.header.stamp)
@@ -55,25 +57,24 @@ class ReportService:
         for _ in range(keys.index(key) + 1):  # counts come in the order of their volumes
             *_, volume = self._waiting.popleft()
         count = from_stack_count(message, StackVolumeMsg())
-        self._last = message.scan_id, replace(count, volume=volume)
+        self._last, self._written = (message.scan_id, replace(count, volume=volume)), None
 
     def _write(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            response.message = str(self._written())
+            response.message = str(self._report())
             response.success = True
         except (ScanError, OSError) as error:
             response.message = f"no report: {error}"
         return response
 
-    def _written(self) -> Path:
-        """The folder of the report, once it is written.
+    def _report(self) -> Path:
+        """The folder of the report; it is written once, however often it is asked for.
 
         Raises:
             ScanError: there is no folder or no count to write.
             OSError: the folder cannot be written.
         """
-        base = self._node.read_config().report_folder
-        if not base:
+        if not self._folder:
             raise ScanError("parameter report_folder is ''; expected a folder to write into")
         ended = [scan_id for scan_id, final, _ in self._waiting if final]
         if ended:
@@ -81,10 +82,13 @@ class ReportService:
                             "counter")
         if self._last is None:
             raise ScanError(self._error)
-        scan_id, count = self._last
-        folder = new_folder(Path(base).expanduser().resolve(), scan_id, count.volume.stamp_ns)
-        write_report(folder, count, [])
-        return folder
+        if self._written is None or not self._written.is_dir():
+            scan_id, count = self._last
+            folder = new_folder(Path(self._folder).expanduser().resolve(), scan_id,
+                                count.volume.stamp_ns)
+            write_report(folder, count, [])
+            self._written = folder
+        return self._written
 
 
 def new_folder(base: Path, scan_id: str, stamp_ns: int) -> Path:

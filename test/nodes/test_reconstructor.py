@@ -21,8 +21,8 @@ SPACE = "/stack_counter"
 
 
 @pytest.fixture
-def reconstructor(ros):
-    ros.start("reconstructor")
+def reconstructor(ros, tmp_path):
+    ros.start("reconstructor", report_folder=tmp_path / "reports")
     images = ros.node.create_publisher(PosedImage, f"{SPACE}/posed_images", QoSProfile(depth=100))
     status = ros.node.create_publisher(ScanStatus, f"{SPACE}/scan_status", QoSProfile(depth=100))
     ros.matched(images, status)
@@ -90,7 +90,7 @@ def test_what_is_shown_is_latched_and_goes_with_the_next_scan(ros, reconstructor
     ros.wait(lambda: clouds[-1].width == 0, "an empty cloud")
 
 
-def test_a_report_is_written_on_request_below_the_folder_that_is_set(ros, reconstructor, tmp_path):
+def test_a_report_is_written_on_request_below_the_configured_folder(ros, reconstructor, tmp_path):
     counts = ros.node.create_publisher(StackCount, f"{SPACE}/count", LATCHED)
 
     def ask():
@@ -100,10 +100,6 @@ def test_a_report_is_written_on_request_below_the_folder_that_is_set(ros, recons
         ros.wait(lambda: words in ask().message, f"an answer with '{words}'")
         assert not ask().success
 
-    expect("report_folder is ''")
-    folder = Parameter("report_folder", value=str(tmp_path / "reports")).to_parameter_msg()
-    assert ros.call(SetParameters, f"{SPACE}/reconstructor/set_parameters",
-                    SetParameters.Request(parameters=[folder])).results[0].successful
     expect("nothing was counted yet")
     box = Scene().box([0.02, 0.01, 0.03], [0.2, 0.15, 0.06], 0.3)
     volume = reconstructor(box.views(4), "../../x")

@@ -8,7 +8,6 @@ import pytest
 from stack_counter_msgs.msg import StackCount
 from std_srvs.srv import Trigger
 
-from stack_counter.config import ReconstructorConfig
 from stack_counter.nodes.conversions import to_header
 from stack_counter.nodes.report_service import ReportService, new_folder
 from stack_counter.types import Container, Mesh, StackVolume, ViewTally
@@ -20,12 +19,6 @@ MESH = Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32))
 class Node:
     """Has what the service needs of its node."""
 
-    def __init__(self, folder):
-        self.folder = folder
-
-    def read_config(self):
-        return ReconstructorConfig(report_folder=str(self.folder))
-
     def subscribe(self, kind, topic, callback, qos):
         assert topic == "count"
         self.count = callback
@@ -35,11 +28,15 @@ class Node:
         self.write = lambda: callback(Trigger.Request(), Trigger.Response())
 
 
+def start(folder):
+    made = Node()
+    made.reports = ReportService(made, str(folder))
+    return made
+
+
 @pytest.fixture
 def node(tmp_path):
-    made = Node(tmp_path / "reports")
-    made.reports = ReportService(made)
-    return made
+    return start(tmp_path / "reports")
 
 
 def volume(stamp_ns=STAMP, litres=1.0):
@@ -59,18 +56,22 @@ def written(answer):
     return json.loads((Path(answer.message) / "result.json").read_text())
 
 
-def test_a_count_is_written_with_the_mesh_of_its_volume(node):
+def test_a_count_is_written_once_with_the_mesh_of_its_volume(node, tmp_path):
     node.reports.keep("bin 7", True, volume())
     node.count(count("bin 7"))
     answer = node.write()
-    assert answer.message == str(node.folder / "report_20231114-221320-123_bin-7")
+    assert answer.message == str(tmp_path / "reports" / "report_20231114-221320-123_bin-7")
     said = written(answer)
     assert (said["count"], said["count_interval"], said["gamma"]) == (412, [403, 421], 0.4)
     assert said["volume_m3"] == 1e-3 and said["views"]["used"] == 12
     assert {p.name for p in Path(answer.message).iterdir()} == {
         "result.json", "surface.ply", "surface.png"}
+    assert node.write().message == answer.message
+    node.reports.keep("bin 7", True, volume())  # another one of that name and time
+    node.count(count("bin 7", number=300))
     again = node.write()
-    assert again.message == answer.message + "-2" and written(again) == said
+    assert again.message == answer.message + "-2" and written(again)["count"] == 300
+    assert written(answer) == said
 
 
 def test_without_a_folder_or_a_count_it_says_what_is_missing(node):
@@ -81,19 +82,18 @@ def test_without_a_folder_or_a_count_it_says_what_is_missing(node):
     node.count(count("a", error="unknown part 'x'"))
     failed = node.write()
     assert not failed.success and failed.message == "no report: scan 'a': unknown part 'x'"
-    node.folder = ""
-    unset = node.write()
+    unset = start("").write()
     assert not unset.success and "report_folder is ''; expected a folder" in unset.message
     assert "\n" not in unset.message
 
 
-def test_a_folder_that_cannot_be_made_is_an_answer(node, tmp_path):
+def test_a_folder_that_cannot_be_made_is_an_answer(tmp_path):
+    (tmp_path / "file").write_text("")
+    node = start(tmp_path / "file")
     node.reports.keep("a", True, volume())
     node.count(count("a"))
-    node.folder = tmp_path / "file"
-    node.folder.write_text("")
     answer = node.write()
-    assert not answer.success and str(node.folder) in answer.message
+    assert not answer.success and str(tmp_path / "file") in answer.message
 
 
 def test_each_count_finds_its_own_volume(node):
