@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from stack_counter import geometry
@@ -12,6 +13,16 @@ from stack_counter.types import Mesh, View
 _MOST_VIEWS = 6  # looked at, evenly spread over the scan
 _CLOSE = 0.01  # how near the seen surface a vertex must be, m
 _GREY = 128  # of what no picture shows
+
+
+def display_colors(mesh: Mesh) -> np.ndarray:
+    """(n, 3) uint8 RGB of the vertices, one or more: their own, or dark to bright by height."""
+    if mesh.colors is not None:
+        return mesh.colors
+    z = mesh.vertices[:, 2]
+    height = (z - z.min()) / max(float(np.ptp(z)), 1e-9)
+    return cv2.applyColorMap((255 * height).astype(np.uint8)[:, None],
+                             cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]
 
 
 def color_mesh(mesh: Mesh, views: list[View]) -> Mesh:

@@ -114,6 +114,8 @@ class ReconstructorConfig:
         (0.0, 0.0, 0.0), "x, y (m, world) and yaw (rad) of the container, if given")
     hull_min_share: float = _setting(0.5, "share of the views that must see a voxel for it to "
                                           "stand, when there is no depth", 0.0, 1.0)
+    report_folder: str = _setting("", "folder into which the service write_report writes; empty: "
+                                      "it does not")
 
 
 @dataclass(frozen=True)

@@ -87,6 +87,20 @@ class StackCounter:
         """Views received, used and skipped by reason."""
         return ViewTally(self._received, self._used, dict(self._skipped))
 
+    @property
+    def region(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Low and high corner (3,), world, metres, of the box in which the stack is looked for: as
+        found, before that as configured; None where it is neither."""
+        if self._region is not None:
+            return self._region.low, self._region.high
+        center, size = np.array(self._config.roi_center_m), np.array(self._config.roi_size_m)
+        return (center - size / 2, center + size / 2) if size.any() else None
+
+    @property
+    def views(self) -> list[View]:
+        """The views kept so far; once the region is found, cut to it."""
+        return list(self._views)
+
     def add_view(self, view: View) -> None:
         """Fuses one view, or keeps it until the first few say where the stack is.
 

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from stack_counter import geometry
+from stack_counter.coloring import display_colors
 from stack_counter.types import (
     CONTAINER,
     PARTS,
@@ -182,11 +183,7 @@ def draw_points(mesh: Mesh) -> np.ndarray:
     focal = 1.4 * _SHOWN
     pixels = np.round(local[:, :2] / local[:, 2:] * focal + _SHOWN / 2).astype(int)
     far_first = np.argsort(-local[:, 2])
-    height = (points[:, 2] - points[:, 2].min()) / max(float(np.ptp(points[:, 2])), 1e-9)
-    colors = cv2.applyColorMap((255 * height).astype(np.uint8)[:, None],
-                               cv2.COLORMAP_VIRIDIS)[:, 0]
-    if mesh.colors is not None:
-        colors = mesh.colors[:, ::-1]
+    colors = display_colors(mesh)[:, ::-1]
     picture = np.full((_SHOWN, _SHOWN, 3), 255, np.uint8)
     for dx in range(2):
         for dy in range(2):

@@ -72,6 +72,23 @@ def test_reset_forgets():
     assert stack.volume().stack_volume == again.volume().stack_volume
 
 
+def test_the_region_is_configured_then_found_and_holds_the_bin():
+    configured = StackCounter(ReconstructorConfig(roi_center_m=(0.1, 0.0, 0.2),
+                                                  roi_size_m=(0.4, 0.6, 0.8)))
+    np.testing.assert_allclose(configured.region, [(-0.1, -0.3, -0.2), (0.3, 0.3, 0.6)])
+    stack = StackCounter(ReconstructorConfig())
+    assert stack.region is None and stack.views == []
+    for view in bin_scene().views(4):
+        stack.add_view(view)
+    low, high = stack.region
+    rim = 0.105 * np.array([-1, 1])  # half the longer side with its wall; the bin is turned
+    assert (low[:2] < rim[0]).all() and (high[:2] > rim[1]).all()
+    assert low[2] < 0 and 0.105 < high[2] < 0.2
+    assert [v.stamp_ns for v in stack.views] == [0, 10**9, 2 * 10**9, 3 * 10**9]
+    stack.reset()
+    assert stack.region is None
+
+
 def test_key_view_shows_the_most_parts_and_is_cropped_to_them():
     stack, scene = StackCounter(ReconstructorConfig()), bin_scene()
     views = scene.views(6)

@@ -7,7 +7,7 @@ import open3d as o3d
 from analytic import Scene
 
 from stack_counter import geometry
-from stack_counter.coloring import color_mesh
+from stack_counter.coloring import color_mesh, display_colors
 from stack_counter.config import ReconstructorConfig
 from stack_counter.pipeline import StackCounter
 from stack_counter.report import draw_container, write_ply
@@ -46,6 +46,14 @@ def test_a_mesh_takes_the_colour_of_its_place():
 def test_views_without_colour_leave_a_mesh_as_it_was():
     mesh = Mesh(np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.int32))
     assert color_mesh(mesh, Scene().views(2)).colors is None
+
+
+def test_a_mesh_without_colours_is_shown_by_height():
+    vertices = np.array([[0, 0, 0.5], [1, 0, 0.1], [0, 1, 0.3]], np.float32)
+    colors = display_colors(Mesh(vertices, np.array([[0, 1, 2]], np.int32)))
+    assert colors[1].tolist() == [68, 1, 84] and colors[0].tolist() == [253, 231, 37]  # viridis
+    own = np.array([[1, 2, 3]] * 3, np.uint8)
+    assert display_colors(Mesh(vertices, np.array([[0, 1, 2]], np.int32), own)) is own
 
 
 def test_ply_is_read_back_the_same(tmp_path):

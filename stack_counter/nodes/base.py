@@ -189,6 +189,8 @@ class ManagedNode(LifecycleNode, Generic[Section]):
             try:
                 callback(message)
             except Exception:  # one bad message must not take the node down
+                if not self.context.ok():  # a signal has ended it: nothing can be published
+                    return
                 self.get_logger().error(f"message on {topic} dropped:\n{traceback.format_exc()}",
                                         throttle_duration_sec=5.0)
 
@@ -250,6 +252,9 @@ def run(make_node: Any) -> None:
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RuntimeError:  # a signal has ended the context under a callback that publishes
+        if rclpy.ok():
+            raise
     finally:
         executor.shutdown()
         node.destroy_node()

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from stack_counter_msgs.msg import StackCount, StackVolume
+from visualization_msgs.msg import MarkerArray
 
 from stack_counter.config import CounterConfig
 from stack_counter.errors import StackCounterError
@@ -14,6 +16,8 @@ from stack_counter.nodes.base import LATCHED, ManagedNode, run
 from stack_counter.nodes.conversions import failed_count, to_stack_count
 from stack_counter.nodes.count_action import CountAction
 from stack_counter.nodes.diagnostics import ERROR, OK, WARN
+from stack_counter.nodes.display import NEWEST
+from stack_counter.nodes.markers import count_markers, text_place
 from stack_counter.nodes.verdicts import with_verdict
 from stack_counter.occupancy import make_estimator
 from stack_counter.parts import resolve_unit_volume
@@ -38,6 +42,8 @@ class CounterNode(ManagedNode[CounterConfig]):
         self._estimator = make_estimator(config)
         self._last: StackCount | None = None
         self._count = self.advertise(StackCount, "count", LATCHED)
+        self._text = self.advertise(MarkerArray, "count_marker", NEWEST)
+        self._text_place = (np.zeros(3), 0.03)  # of the last stack: an error is written there too
         # Latched, so that a counter that starts late still counts the last volume; deep, so
         # that no volume of the continuous mode is lost.
         self.subscribe(StackVolume, "volume", self._on_volume,
@@ -67,6 +73,8 @@ class CounterNode(ManagedNode[CounterConfig]):
         if count.error:
             self.get_logger().error(f"scan '{message.scan_id}': {count.error}")
         self._action.on_count(count)
+        self._text_place = text_place(message) or self._text_place
+        self._text.publish(count_markers(count, *self._text_place))
 
     def _counted(self, message: StackVolume) -> StackCount:
         if message.error:

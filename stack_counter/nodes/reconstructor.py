@@ -7,17 +7,17 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 
-from sensor_msgs.msg import PointCloud2
 from stack_counter_msgs.msg import PosedImage, ScanStatus, StackVolume
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.nodes.base import LATCHED, RELIABLE, ManagedNode, run
 from stack_counter.nodes.conversions import to_header, to_stack_volume, to_tally
 from stack_counter.nodes.diagnostics import WARN, Rate
-from stack_counter.nodes.markers import container_markers, surface_points
+from stack_counter.nodes.display import Display
+from stack_counter.nodes.report_service import ReportService
 from stack_counter.pipeline import StackCounter, joined_tally
 from stack_counter.stack_messages import from_posed_image
 from stack_counter.types import ViewTally
@@ -46,8 +46,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self.undo_with(self._free)
         self._volume = self.advertise(StackVolume, "volume", LATCHED)
         self._status = self.advertise(ScanStatus, "scan_status", RELIABLE)
-        self._markers = self.advertise(MarkerArray, "container_marker", LATCHED)
-        self._points = self.advertise(PointCloud2, "surface", LATCHED)
+        self._display, self._reports = Display(self), ReportService(self, config.report_folder)
         self._images = self.subscribe(PosedImage, "posed_images", self._on_image, RELIABLE)
         self.subscribe(ScanStatus, "scan_status", self._on_status, RELIABLE)
         self.serve(Trigger, "reset_reconstruction", self._reset)
@@ -149,20 +148,20 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
             volume = self._stack.volume()
         except ScanError as error:
             if final:
+                header = Header(stamp=scan.header.stamp, frame_id=frame)
                 self._volume.publish(StackVolume(
-                    header=scan.header, scan_id=scan.scan_id, final=True, part=scan.part,
+                    header=header, scan_id=scan.scan_id, final=True, part=scan.part,
                     unit_volume=scan.unit_volume, error=str(error), missing_cameras=missing,
                     views=to_tally(self._tally(self._stack.tally))))
+                self._display.show(self._stack, None, header, final)
             return
         if lost > 0:
             volume = replace(volume, reasons=volume.reasons + ("views_lost",))
         volume = replace(volume, views=self._tally(volume.views)).without(missing)
         self._last_volume = volume.stack_volume
         self._volume.publish(to_stack_volume(volume, frame, scan, final))
-        header = to_header(volume.stamp_ns, frame)
-        self._markers.publish(container_markers(volume.container, header))
-        if volume.mesh is not None:
-            self._points.publish(surface_points(volume.mesh, header))
+        self._reports.keep(scan.scan_id, final, volume)
+        self._display.show(self._stack, volume, to_header(volume.stamp_ns, frame), final)
 
     def _tally(self, used: ViewTally) -> ViewTally:
         """The scan's tally with what the collector skipped, once it is stopped."""

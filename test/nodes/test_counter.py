@@ -6,7 +6,9 @@ import sys
 
 import pytest
 from harness import LATCHED
-from stack_counter_msgs.msg import StackCount, StackVolume
+from stack_counter_msgs.msg import Container, StackCount, StackVolume
+from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
 
 SPACE = "/stack_counter"
 LATE = """
@@ -56,3 +58,21 @@ def test_refusals_are_said_and_the_next_scan_counts(counter):
     assert "unit volume" in counter(scan_id="c", stack_volume=1e-3).error
     assert counter(scan_id="d", error="2 views used").error == "2 views used"
     assert counter(scan_id="e", unit_volume=1e-6, stack_volume=0.0).count == 0
+
+
+def test_the_count_stands_above_the_rim_as_text_and_an_error_does_too(ros, counter):
+    shown = ros.listen(MarkerArray, f"{SPACE}/count_marker", LATCHED)
+    box = Container(kind="box")
+    box.pose.position.x, box.pose.position.z = 0.5, 0.2
+    box.outer_size.x, box.outer_size.y, box.outer_size.z = 0.3, 0.2, 0.1
+    box.inner_size.x, box.inner_size.y, box.inner_size.z = 0.3, 0.2, 0.1
+    said = counter(scan_id="f", unit_volume=1e-6, stack_volume=1e-3, stack_volume_std=1e-5,
+                   container=box, header=Header(frame_id="cell"))
+    text = f"{said.count} parts ({said.count_low} to {said.count_high}, 90%)"
+    ros.wait(lambda: shown and shown[-1].markers[0].text.startswith(text), text)
+    marker = shown[-1].markers[0]
+    at = marker.pose.position
+    assert marker.header.frame_id == "cell" and at.x == 0.5 and 0.3 < at.z < 0.45
+    counter(scan_id="g", error="2 views used", header=Header(frame_id="cell"))
+    ros.wait(lambda: shown[-1].markers[0].text == "2 views used", "the error")
+    assert shown[-1].markers[0].pose.position.x == 0.5  # where one looks
