@@ -136,6 +136,8 @@ def test_views_that_a_scan_had_no_time_for_are_not_counted_on_replay(ros, tmp_pa
     for i in range(65):
         cell.play(views=[i])
         cell.seen(i, "slow")
+    last = cell.states[-1]
+    assert dict(zip(last.skip_reasons, last.skip_counts)) == {"overrun": 4}
     cell.stop()
     path, out = cell.file("scan_*_slow.mcap"), tmp_path / "slow.json"
     assert main(["replay", str(path), "--unit-volume-cm3", str(V_CM3), "--direct",
