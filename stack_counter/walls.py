@@ -27,6 +27,7 @@ _CELL_ERROR = 0.001  # standard deviation of a cell's median, m
 # Containers stand: below what is seen, a wall does not close to a foot narrower than this share
 # of the rim, give or take.
 _FOOT_SHARE, _FOOT_STD = 0.35, 0.02
+_FIT_STEPS = 60  # of a form's fit; one that needs more does not fit
 _ROUNDS = (0.15, 0.3, 0.5, 0.75, 1.0, 1.0)  # share of the height that is fitted
 
 
@@ -102,7 +103,7 @@ def fit_form(form: WallForm, xy: np.ndarray, scale: float) -> WallForm:
         return np.append(form.with_params(params).depth_inside(xy, level) / scale,
                          0.01 * (params - form.params) / form.params_std)
     return form.with_params(least_squares(misses, form.params, loss="soft_l1",
-                                          x_scale=form.params_std).x)
+                                          x_scale=form.params_std, max_nfev=_FIT_STEPS).x)
 
 
 def fit_wall(form: WallForm, points: FacePoints, height: float, thickness: float,
