@@ -103,10 +103,11 @@ def test_the_same_by_services_and_what_a_goal_is_refused_for(ros, cell):
         refused = ask(**fields)
         assert not refused.accepted and why in refused.message
     assert not state().success
+    states = ros.listen(ScanStatus, "/stack_counter/scan_status")
     assert ask(max_views=12, expected_count=200, tolerance=300).accepted
     assert "another count" in ask().message
-    ros.wait(lambda: ros.call(GetCount, "/stack_counter/get_count", GetCount.Request()).running,
-             "a count that runs")
+    assert state().running
+    ros.wait(lambda: any(s.state == ScanStatus.SCANNING and s.scan_id for s in states), "a scan")
     play()
     ros.wait(lambda: not state().running, "its end")
     end = state()
