@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
@@ -16,6 +18,7 @@ from stack_counter.types import StackVolume, View
 # Latched, but only the last one: each is some MB, and replaces the one before.
 NEWEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _PERIOD_S = 0.5
+_REST = 4.0  # so many times as long as showing took, a running scan has for counting alone
 
 
 class Display:
@@ -27,6 +30,7 @@ class Display:
 
     def __init__(self, node: ManagedNode):
         self._next: tuple | None = None  # arguments of `_publish`, if there are new ones
+        self._rested_at = 0.0
         self._markers = node.advertise(MarkerArray, "markers", NEWEST)
         self._points = node.advertise(PointCloud2, "surface", NEWEST)
         node.tick(_PERIOD_S, self._publish_newest)
@@ -44,9 +48,14 @@ class Display:
         self._next = volume, stack.region, stack.views, header, final
 
     def _publish_newest(self) -> None:
-        if self._next is not None:
-            newest, self._next = self._next, None
+        if self._next is None:
+            return
+        *_, final = newest = self._next
+        begin = time.monotonic()
+        if final or begin >= self._rested_at:
+            self._next = None
             self._publish(*newest)
+            self._rested_at = time.monotonic() + _REST * (time.monotonic() - begin)
 
     def _publish(self, volume: StackVolume | None, region: tuple[np.ndarray, np.ndarray] | None,
                  views: list[View], header: Header, final: bool) -> None:

@@ -11,7 +11,6 @@ from visualization_msgs.msg import Marker
 
 from stack_counter import geometry
 from stack_counter.nodes.conversions import to_header, to_stack_volume
-from stack_counter.nodes.display import Display
 from stack_counter.nodes.markers import (
     count_markers,
     count_text,
@@ -175,67 +174,3 @@ def test_text_is_placed_above_rim_stack_or_hull():
     failed = to_stack_volume(volume(), "cell", PosedImage(), final=True)
     failed.error = "2 views used"
     assert text_place(failed) is None
-
-
-class Publisher:
-    """Remembers what is published; has as many subscribers as it is told."""
-
-    def __init__(self):
-        self.sent, self.subscribers = [], 0
-        self.publish = self.sent.append
-
-    def get_subscription_count(self):
-        return self.subscribers
-
-
-class Node:
-    """Hands out such publishers."""
-
-    def __init__(self):
-        self.of = {}
-
-    def tick(self, period_s, callback):
-        self.pass_time = callback
-
-    def advertise(self, kind, topic, qos):
-        assert qos.depth == 1  # a history of such messages would fill the memory
-        return self.of.setdefault(topic, Publisher())
-
-
-class Stack:
-    """A scan without views."""
-
-    region, views = REGION, []
-
-
-def test_a_running_result_is_shown_only_to_who_looks_and_a_final_one_always():
-    node = Node()
-    display = Display(node)
-    markers, cloud = node.of["markers"], node.of["surface"]
-
-    def show(shown, final):
-        display.show(Stack(), shown, HEADER, final)
-        node.pass_time()
-        return len(markers.sent), len(cloud.sent)
-
-    assert show(volume(), final=False) == (0, 0)
-    cloud.subscribers = 1
-    assert show(volume(), final=False) == (0, 1) and cloud.sent[0].width == 3
-    cloud.subscribers, markers.subscribers = 0, 1
-    assert show(volume(), final=False) == (1, 1)
-    markers.subscribers = 0
-    assert show(volume(), final=True) == (2, 2)
-    assert show(None, final=True) == (3, 3)
-    assert [m.ns for m in markers.sent[-1].markers] == ["", "region"] and not cloud.sent[-1].width
-
-
-def test_what_is_newest_is_shown_once():
-    node = Node()
-    display = Display(node)
-    node.pass_time()
-    display.show(Stack(), volume(), HEADER, final=True)
-    display.show(Stack(), None, HEADER, final=True)
-    assert not node.of["markers"].sent  # counting comes first
-    node.pass_time()
-    node.pass_time()
-    assert [len(m.markers) for m in node.of["markers"].sent] == [2]
