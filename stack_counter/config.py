@@ -78,7 +78,7 @@ class ReconstructorConfig:
     min_views: int = _setting(3, "fewest views for a volume", 1, 1000)
     max_views: int = _setting(200, "views beyond this number are skipped", 1, 10000)
     live: bool = _setting(False, "volume after every view from the first on, not only at the end")
-    running_period_s: float = _setting(2.0, "a scan that goes on says so often what it has so "
+    running_period_s: float = _setting(2.0, "a scan with depth says so often what it has so "
                                             "far, s; 0: never", 0.0, 3600.0)
     voxel_size: float = _setting(0.0, "side of a voxel, m; 0: 2 mm, less for small parts, more "
                                        "for large containers", 0.0, 0.1)

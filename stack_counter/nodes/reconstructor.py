@@ -88,7 +88,8 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
                 self._stack.add_view(view)
             except ViewError as error:
                 self._warn(error)
-        if self._config.live or self._is_running_due(begin):
+        # Without depth it would take the time of a whole count: pictures are matched at the end.
+        if self._config.live or len(message.depth.data) and self._is_running_due(begin):
             self._publish_volume(final=False)
             self._ran_at = time.monotonic()
         self._took_s = time.monotonic() - begin
