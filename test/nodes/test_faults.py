@@ -69,6 +69,7 @@ def test_a_flood_of_large_images_is_bounded_and_counted(ros):
              + sum(cell.states[-1].skip_counts), "every image kept or given up")
     kept = cell.states[-1].processed
     assert 0 < kept <= 60
+    ros.wait(lambda: cell.status().values, "diagnostics")
     assert float({v.key: v.value for v in cell.status().values}["memory MB"]) < 2000
     cell.stop()
     taker = Taker(ros)
