@@ -141,8 +141,10 @@ def _add_simulate(commands: argparse._SubParsersAction) -> None:
     simulate.add_argument("--workers", type=_positive, default=1, metavar="W")
     simulate.add_argument("--seed", type=int, default=0, metavar="S")
     simulate.add_argument("--out", type=Path, metavar="DIR")
-    simulate.add_argument("--plan", default="mixed", choices=("mixed", "shallow", "deep", "box"),
-                          help="containers and fills; box: as in the paper")
+    simulate.add_argument("--plan", default="mixed", choices=("mixed", "shallow", "deep", "box",
+                                                             "rig"),
+                          help="containers and fills; box: as in the paper; rig: nine fills of "
+                               "one container for each part")
     simulate.add_argument("--library", type=Path, metavar="FILE",
                           help="parts to take, an .npz of shapes, not the training families")
     simulate.set_defaults(run=_simulate)

@@ -30,7 +30,7 @@ def make_scene(seed: int, index: int, recipe: Recipe, skipped: Counter[str]) -> 
         random = np.random.default_rng([seed, index, attempt])
         try:
             shape = recipe.shape(seed, index, attempt)
-            plan = recipe.draw(random, shape, len(convex_pieces(shape)))
+            plan = recipe.draw(random, shape, len(convex_pieces(shape)), seed, index)
             return drop(plan, random, seed, index)
         except (SceneError, ShapeError) as error:
             skipped[str(error).split(":")[0]] += 1

@@ -17,10 +17,14 @@ MIN_PARTS, MAX_PARTS = 12, 1000
 _SHALLOW = {"bin": 0.42, "cylinder": 0.1, "bowl": 0.08, "cup": 0.07, "tray": 0.1, "bag": 0.06,
             "none": 0.17}
 _DEEP = {"bin": 0.48, "cylinder": 0.14, "bowl": 0.09, "cup": 0.09, "bag": 0.08, "none": 0.12}
+_RIG = {"bin": 0.6, "cylinder": 0.15, "bowl": 0.1, "cup": 0.15}
 _DEEP_SHARE = 2 / 3  # of deep scenes in a mixed set
 _WIDTH = (4.0, 20.0)  # smaller inner side, in part sizes
 _CAPACITY = (60.0, 1000.0)  # parts that the full container holds
 _FILL = (0.06, 1.15)  # of the depth
+_RIG_FILL = (0.15, 1.1)
+FRICTION = (0.2, 0.7)  # of dry parts on each other and on the container
+_SHAKEN = 0.25  # share of piles that are shaken
 _LOWEST = 0.5  # depth of the lowest container, in part sizes
 
 
@@ -67,15 +71,49 @@ def deep_plan(random: np.random.Generator, shape: Shape, most: int) -> Plan:
 
 def _plan(random: np.random.Generator, shape: Shape, most: int, shares: dict[str, float],
           size_of: Callable[..., np.ndarray]) -> Plan:
-    kind = str(random.choice(list(shares), p=list(shares.values())))
-    surface = {"friction": random.uniform(0.2, 0.7), "restitution": random.uniform(0, 0.3),
-               "taps": int(random.integers(3, 7)) if random.random() < 0.25 else 0}
+    kind = _one_of(random, shares)
+    surface = _surface(random, FRICTION)
     if kind == "none":
         return _heap(random, shape, most, surface)
     container = _container(random, shape, kind, size_of(random, shape, kind, most))
-    count = _capacity(container, shape) * random.uniform(*_FILL)
-    return Plan(shape, container, _column(container),
-                int(np.clip(count, MIN_PARTS, most)), **surface)
+    return _filled(random, shape, container, most, _FILL, surface)
+
+
+def rig_plan(random: np.random.Generator, rig: np.random.Generator, shape: Shape, most: int
+             ) -> Plan:
+    """One pile of a cell in which the container and the friction stay as they are; `rig` draws
+    those, `random` the rest."""
+    container = deep_container(rig, shape, most)
+    friction = rig.uniform(*FRICTION)
+    return pile_in(random, shape, container, (friction, friction), most)
+
+
+def pile_in(random: np.random.Generator, shape: Shape, container: ContainerShape,
+            friction: tuple[float, float], most: int) -> Plan:
+    """Any fill of a given container, the friction between two bounds."""
+    return _filled(random, shape, container, most, _RIG_FILL, _surface(random, friction))
+
+
+def deep_container(random: np.random.Generator, shape: Shape, most: int) -> ContainerShape:
+    """A container about as deep as wide, as a cell may have it."""
+    kind = _one_of(random, _RIG)
+    return _container(random, shape, kind, _deep_size(random, shape, kind, most))
+
+
+def _one_of(random: np.random.Generator, shares: dict[str, float]) -> str:
+    return str(random.choice(list(shares), p=list(shares.values())))
+
+
+def _surface(random: np.random.Generator, friction: tuple[float, float]) -> dict:
+    return {"friction": random.uniform(*friction), "restitution": random.uniform(0, 0.3),
+            "taps": int(random.integers(3, 7)) if random.random() < _SHAKEN else 0}
+
+
+def _filled(random: np.random.Generator, shape: Shape, container: ContainerShape, most: int,
+            fill: tuple[float, float], surface: dict) -> Plan:
+    count = _capacity(container, shape) * random.uniform(*fill)
+    return Plan(shape, container, _column(container), int(np.clip(count, MIN_PARTS, most)),
+                **surface)
 
 
 def box_plan(random: np.random.Generator, shape: Shape, most: int) -> Plan:

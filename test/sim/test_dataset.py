@@ -32,7 +32,7 @@ SEED, COUNT = 5, 2 * SCENES + 3  # two full shards and one begun
 class Few(Recipe):
     """A dozen blocks in a small bin."""
 
-    def draw(self, random, shape, pieces):
+    def draw(self, random, shape, pieces, seed, index):
         size = shape.part_size
         inner = tuple(random.uniform(3, 3.5, 3) * size)
         box = ContainerShape("bin", np.eye(4), inner, 0.1 * size, 0.1 * size)
@@ -43,7 +43,7 @@ class Few(Recipe):
 class Hopeless(Recipe):
     """No scene can be made."""
 
-    def draw(self, random, shape, pieces):
+    def draw(self, random, shape, pieces, seed, index):
         raise SceneError("container too small: none would do")
 
 
