@@ -20,6 +20,7 @@ from tqdm import tqdm
 
 from stack_counter import __version__
 from stack_counter.cli_container import add_container
+from stack_counter.cli_part import add_part
 from stack_counter.config import Config, CounterConfig, build, load
 from stack_counter.container_catalogue import configured_container
 from stack_counter.counting import check_unit_volume
@@ -32,7 +33,7 @@ from stack_counter.errors import (
     WeightsError,
 )
 from stack_counter.occupancy import make_estimator
-from stack_counter.parts import resolve_unit_volume
+from stack_counter.part_catalogue import resolve_part
 from stack_counter.resources import config_path
 
 _USAGE, _NO_COUNT = 2, 3
@@ -91,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     info.add_argument("bag", type=Path)
     info.set_defaults(run=_info)
     add_container(commands)
+    add_part(commands)
     _add_simulate(commands)
     commands.add_parser("train", help="train the gamma-network on simulated scenes"
                         ).module = "stack_counter.train.gamma"  # type: ignore[attr-defined]
@@ -194,7 +196,7 @@ def _replay(options: argparse.Namespace) -> int:
     part, given = options.part or config.counter.part, config.counter.unit_volume_m3
     if options.unit_volume_cm3 is not None:
         part, given = "", check_unit_volume(options.unit_volume_cm3 * 1e-6)
-    unit_volume = resolve_unit_volume(part, given)
+    known = resolve_part(part, given, config.counter.part_catalogue)
     if not options.bag.exists():
         raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
     if options.nodes:
@@ -210,12 +212,12 @@ def _replay(options: argparse.Namespace) -> int:
         if options.nodes:
             from stack_counter.bag.player import replay_nodes
 
-            result = replay_nodes(options.bag, config, part, unit_volume, options.rate,
+            result = replay_nodes(options.bag, config, part, known.unit_volume, options.rate,
                                   lambda: bar.update() and None, begin)
         else:
             from stack_counter.bag.replay import replay_direct
 
-            result = replay_direct(options.bag, config, unit_volume, options.rate,
+            result = replay_direct(options.bag, config, known, options.rate,
                                    lambda: bar.update() and None, begin)
     for error in result.errors:
         print(f"stack-counter: {error}", file=sys.stderr)

@@ -38,6 +38,7 @@ class CollectorConfig:
                              "where empty")
     unit_volume_m3: float = _setting(0.0, "volume of one part for such scans, m3; 0: the part's",
                                      0.0)
+    part_catalogue: str = _setting("", "file of the known parts; empty: config/parts.yaml")
     rig: str = _setting("", "file that names several cameras; empty: one, as described below")
     world_frame: str = _setting("base_link", "frame of the poses, z up")
     color_topic: str = _setting("/camera/color/image_raw", "colour images, without /compressed")
@@ -122,9 +123,10 @@ class ReconstructorConfig:
 class CounterConfig:
     """From V to a count."""
 
-    part: str = _setting("", "name of the part in config/parts.yaml", runtime=True)
+    part: str = _setting("", "name of the part in the catalogue", runtime=True)
     unit_volume_m3: float = _setting(0.0, "volume of one part, m3; 0: the part's", 0.0,
                                      runtime=True)
+    part_catalogue: str = _setting("", "file of the known parts; empty: config/parts.yaml")
     estimator: str = _setting("network", "what says gamma", choices=(
         "network", "depth_corrected", "depth_extrapolated", "prior", "direct"))
     weights: str = _setting("", "safetensors file of the estimator; empty: the shipped one")

@@ -13,7 +13,7 @@ from stack_counter.types import OccupancyEstimate, StackCount, StackVolume
 _ROUNDING = 1e-6  # of a part: an exact bound is not pushed to the next number by rounding
 # Reasons that make a count less than what was asked for.
 _DEGRADING = {"no_depth", "bag_truncated", "low_coverage", "views_lost", "cut_by_image",
-              "container_unsure", "camera_missing"}
+              "container_unsure", "camera_missing", "part_disagrees"}
 
 
 def check_unit_volume(unit_volume: float) -> float:
@@ -47,9 +47,10 @@ def make_count(volume: StackVolume, unit_volume: float, estimate: OccupancyEstim
                      for share in ((1 - confidence) / 2, (1 + confidence) / 2))
     result = StackCount(
         count=count, count_interval=(min(math.floor(low + _ROUNDING), count),
-                                               max(math.ceil(high - _ROUNDING), count)),
+                                     max(math.ceil(high - _ROUNDING), count)),
         confidence=confidence, gamma=estimate.gamma, gamma_std=estimate.gamma_std,
-        unit_volume=unit_volume, volume=volume, estimator=estimate.estimator)
+        unit_volume=unit_volume, volume=volume, estimator=estimate.estimator,
+        gamma_shares=estimate.shares, counted_scans=estimate.counted_scans)
     return flagged(result, *volume.reasons, *estimate.reasons)
 
 

@@ -21,8 +21,10 @@ from stack_counter.container import find_container, from_one_side
 from stack_counter.container_catalogue import configured_container
 from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, ViewError
+from stack_counter.known_part import estimate_part
 from stack_counter.leveling import leveled
 from stack_counter.occupancy import OccupancyEstimator
+from stack_counter.part_catalogue import Part
 from stack_counter.pictures import DepthScan, depth_scan
 from stack_counter.placing import place_container
 from stack_counter.plausibility import check_agreement, cut_everywhere, other_container
@@ -140,15 +142,13 @@ class StackCounter:
         """The views of the last volume, cut to what matters, with their label images."""
         return [replace(view, labels=self._segmenter.segment(view)) for view in self._views]
 
-    def count(self, unit_volume: float, estimator: OccupancyEstimator, confidence: float
-              ) -> StackCount:
-        """The number of parts; `unit_volume` in m3.
+    def count(self, part: Part, estimator: OccupancyEstimator, confidence: float) -> StackCount:
+        """The number of parts.
 
         Raises:
-            ScanError: as `volume`.
-            PartError: unit volume not a positive number.
+            ScanError, PartError: as `volume` and `count_stack`.
         """
-        return count_stack(self.volume(), unit_volume, estimator, confidence)
+        return count_stack(self.volume(), part, estimator, confidence)
 
     def _checked(self, view: View) -> View:
         if not self._config.live and len(self._views) >= self._config.max_views:
@@ -369,14 +369,14 @@ def find_key_view(views: list[View], segmenter: Segmenter) -> KeyView | None:
                    cut.depth, cut.color)
 
 
-def count_stack(volume: StackVolume, unit_volume: float, estimator: OccupancyEstimator,
+def count_stack(volume: StackVolume, part: Part, estimator: OccupancyEstimator,
                 confidence: float) -> StackCount:
-    """gamma from the estimator, then the count; `unit_volume` in m3.
+    """gamma from the estimator and what is known of the part, then the count.
 
     Raises:
-        PartError: unit volume not a positive number.
+        ScanError, PartError: as `estimate_part`.
     """
     start = time.perf_counter()
-    estimate = estimator.estimate(volume, unit_volume)
-    result = make_count(volume, unit_volume, estimate, confidence)
+    estimate = estimate_part(volume, part, estimator)
+    result = make_count(volume, part.unit_volume, estimate, confidence)
     return replace(result, seconds={**volume.seconds, "gamma": time.perf_counter() - start})

@@ -22,6 +22,8 @@ from stack_counter.types import (
 )
 
 STAGES = ("load", "read", "segment", "integrate", "finish", "gamma", "total")
+_SOURCES = {"estimator": "it", "piles": "the part's piles", "counted": "{} counted scans",
+            "training": "other parts"}
 _SHOWN = 640  # width of the pictures, pixels
 
 
@@ -48,7 +50,9 @@ def as_dict(count: StackCount, counts: list[dict[str, Any]]) -> dict[str, Any]:
         "views": {"received": volume.views.received, "used": volume.views.used,
                   "skipped": volume.views.skipped},
         "coverage": volume.coverage, "fill_level": list(volume.fill_level),
-        "estimator": count.estimator, "status": count.status, "reasons": list(count.reasons),
+        "estimator": count.estimator, "gamma_shares": count.gamma_shares,
+        "counted_scans": count.counted_scans,
+        "status": count.status, "reasons": list(count.reasons),
         "counts": counts,
         "seconds": {stage: count.seconds.get(stage, 0.0) for stage in STAGES},
     }
@@ -64,9 +68,12 @@ def as_text(count: StackCount, true_count: int | None) -> str:
         lines.append(f"true count {true_count}{error}")
     box = volume.container
     size = " x ".join(f"{1000 * s:.0f}" for s in box.inner_size_m)
+    known = "" if len(count.gamma_shares) < 2 else " (weights: " + ", ".join(
+        f"{_SOURCES[name].format(count.counted_scans)} {share:.0%}"
+        for name, share in count.gamma_shares.items()) + ")"
     lines += [
         f"V          {volume.stack_volume * 1e6:.1f} cm3 +- {volume.stack_volume_std * 1e6:.1f}",
-        f"gamma      {count.gamma:.3f} +- {count.gamma_std:.3f}, said by {count.estimator}",
+        f"gamma      {count.gamma:.3f} +- {count.gamma_std:.3f}, said by {count.estimator}{known}",
         f"v          {count.unit_volume * 1e6:.4f} cm3",
         f"container  {box.kind}" + (f", {size} mm inside, wall "
                                     f"{1000 * box.wall_thickness_m:.1f} mm"

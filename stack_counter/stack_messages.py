@@ -91,6 +91,8 @@ def from_stack_count(message: Any, volume: Any) -> StackCount:
         count=message.count, count_interval=(message.count_low, message.count_high),
         confidence=message.confidence, gamma=message.gamma, gamma_std=message.gamma_std,
         unit_volume=message.unit_volume, volume=from_stack_volume(volume),
-        estimator=message.estimator, reasons=tuple(message.reasons),
+        estimator=message.estimator, counted_scans=message.counted_scans,
+        gamma_shares=dict(zip(message.gamma_sources, message.gamma_shares)),
+        reasons=tuple(message.reasons),
         status=_STATUS[message.status],
         seconds=dict(zip(message.seconds.stages, message.seconds.seconds)))

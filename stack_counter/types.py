@@ -217,6 +217,9 @@ class OccupancyEstimate:
             their quantiles.
         estimator: name, e.g. `depth_corrected (baseline)`.
         reasons: slugs that qualify the estimate.
+        shares: what gamma comes from and how much each weighed, together 1: `estimator`, `piles`
+            of this part, `counted` scans of it, `training` piles of other parts.
+        counted_scans: of this part on this rig that it rests on.
     """
 
     gamma: float
@@ -224,6 +227,8 @@ class OccupancyEstimate:
     scores: np.ndarray
     estimator: str
     reasons: tuple[str, ...] = ()
+    shares: dict[str, float] = field(default_factory=lambda: {"estimator": 1.0})
+    counted_scans: int = 0
 
 
 @dataclass(frozen=True)
@@ -238,6 +243,8 @@ class StackCount:
         unit_volume: volume of one part, m3.
         volume: what gamma was multiplied with.
         estimator: who said gamma.
+        gamma_shares: how much it and what is known of the part weighed; see `OccupancyEstimate`.
+        counted_scans: that gamma rests on.
         status: `ok`, or `degraded` when a reason weakens the count.
         reasons: slugs.
         seconds: time spent by stage, s.
@@ -253,4 +260,6 @@ class StackCount:
     estimator: str
     status: str = "ok"
     reasons: tuple[str, ...] = ()
+    gamma_shares: dict[str, float] = field(default_factory=lambda: {"estimator": 1.0})
+    counted_scans: int = 0
     seconds: dict[str, float] = field(default_factory=dict)

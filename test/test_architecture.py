@@ -14,7 +14,8 @@ ROS = {"rclpy", "rosidl_runtime_py", "ament_index_python", "tf2_ros", "launch", 
 BAGS = {"mcap", "mcap_ros2", "rosbags", "rosbag2_py"}
 ENGINES = {"sapien", "pybullet", "mujoco", "coacd", "manifold3d"}
 # Parts beside the core.
-OUTER = {"bag", "nodes", "sim", "train", "eval", "cli", "cli_container", "__main__"}
+OUTER = {"bag", "nodes", "sim", "train", "eval", "part", "cli", "cli_container", "cli_part",
+         "__main__"}
 
 # Part -> which other parts of the package (or modules of them) it may use besides the core, and
 # which of the libraries named above.
@@ -25,19 +26,20 @@ PARTS = {
     "nodes": ({"bag.recorder"}, ROS | {"messages"}),  # the collector records its scans
     "sim": ({"bag"}, ENGINES),
     "train": ({"bag", "sim"}, set()),
-    "eval": ({"bag", "sim", "train"}, set()),
+    "part": ({"bag", "sim", "train"}, set()),
+    "eval": ({"bag", "sim", "train", "part"}, set()),
     "cli": (OUTER, set()),
 }
 # Sim writes recordings and eval reads them, both through bag's public functions. Of sim and train
 # the others see what the package's `__init__` names, not its modules. Only the command line puts
 # parts together.
-CLOSED = {"sim", "train", "eval"}
+CLOSED = {"sim", "train", "eval", "part"}
 
 
 def part_of(path: Path) -> str:
     """Part of the package that a file, relative to the package, belongs to."""
     name = path.with_suffix("").as_posix()
-    if name in ("cli", "cli_container", "__main__"):
+    if name in ("cli", "cli_container", "cli_part", "__main__"):
         return "cli"
     if name in PARTS:
         return name

@@ -18,6 +18,7 @@ from stack_counter.counting import flagged
 from stack_counter.cycles import Cycle, CycleFormer
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
+from stack_counter.part_catalogue import Part
 from stack_counter.pipeline import StackCounter, count_stack, joined_tally
 from stack_counter.rig import RigAssembler, rig_of
 from stack_counter.segmentation.prompts import read_prompts
@@ -66,14 +67,14 @@ def check_prompts(path: Path, config: Config) -> None:
         return
 
 
-def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
+def replay_direct(path: Path, config: Config, part: Part, rate: float,
                   on_view: Callable[[], None], begin: float) -> Replayed:
     """Feeds a bag to `StackCounter` as fast as it can, or in real time times `rate`.
 
     Args:
         path: rosbag2 folder or .mcap file.
         config: settings; topics are fitted to the bag.
-        unit_volume: of one part, m3.
+        part: what is in the bin.
         rate: 0, or the speed of the recording's clock.
         on_view: called after each view used, for progress.
         begin: when the command began (`time.perf_counter`): imports count as loading.
@@ -83,19 +84,19 @@ def replay_direct(path: Path, config: Config, unit_volume: float, rate: float,
     """
     estimator = make_estimator(config.counter)
     stack = StackCounter(config.reconstructor)
-    stack.reset(unit_volume)
+    stack.reset(part.unit_volume)
     loaded = time.perf_counter()
     confidence, counts = config.counter.confidence, []
 
     if config.collector.mode == "cycle":
-        return _replay_cycles(path, config, stack, unit_volume, estimator, on_view)
+        return _replay_cycles(path, config, stack, part, estimator, on_view)
 
     def after_view() -> None:
         on_view()
         if config.reconstructor.live:
-            counts.append(count_entry(stack.count(unit_volume, estimator, confidence)))
+            counts.append(count_entry(stack.count(part, estimator, confidence)))
     volume, truncated = _volume(stack, path, config.collector, rate, after_view)
-    count = count_stack(volume, unit_volume, estimator, confidence)
+    count = count_stack(volume, part, estimator, confidence)
     if truncated:
         count = flagged(count, "bag_truncated")
     total = time.perf_counter() - begin
@@ -120,6 +121,25 @@ def teach(path: Path, config: Config, on_view: Callable[[], None]) -> TaughtCont
     stack = StackCounter(replace(config.reconstructor, container="", live=False))
     volume, _ = _volume(stack, path, config.collector, 0.0, on_view)
     return taught_from(volume, f"{date.today()} from {path.resolve().name}")
+
+
+def bag_volume(path: Path, config: Config, unit_volume: float, on_view: Callable[[], None]
+               ) -> StackVolume:
+    """V of all the views of a recorded scan.
+
+    Args:
+        path: rosbag2 folder or .mcap file.
+        config: settings; topics are fitted to the bag.
+        unit_volume: of one part, m3.
+        on_view: called after each view used, for progress.
+
+    Raises:
+        BagError, ConfigError, WeightsError: see there.
+        ScanError: the bag gives no volume.
+    """
+    stack = StackCounter(config.reconstructor)
+    stack.reset(unit_volume)
+    return _volume(stack, path, config.collector, 0.0, on_view)[0]
 
 
 def _volume(stack: StackCounter, path: Path, collector: CollectorConfig, rate: float,
@@ -149,7 +169,7 @@ def _volume(stack: StackCounter, path: Path, collector: CollectorConfig, rate: f
         raise no_count(str(error), tally, assembler.last_errors) from error
 
 
-def _replay_cycles(path: Path, config: Config, stack: StackCounter, unit_volume: float,
+def _replay_cycles(path: Path, config: Config, stack: StackCounter, part: Part,
                    estimator: OccupancyEstimator, on_view: Callable[[], None]) -> Replayed:
     """Counts each cycle of a rig's cameras; the last count is the result's."""
     reader = BagReader(path)
@@ -159,7 +179,7 @@ def _replay_cycles(path: Path, config: Config, stack: StackCounter, unit_volume:
                          live=False)
     last, counts, errors = None, [], []
     for cycle in formed(read_views(reader, assembler), former):
-        stack.reset(unit_volume)
+        stack.reset(part.unit_volume)
         for name in former.cameras:
             with suppress(ViewError):  # counted in the tally
                 if name in cycle.views:
@@ -170,7 +190,7 @@ def _replay_cycles(path: Path, config: Config, stack: StackCounter, unit_volume:
         except ScanError as error:
             errors.append(f"cycle at {cycle.stamp_ns} ns: {error}")
             continue
-        last = count_stack(volume, unit_volume, estimator, config.counter.confidence)
+        last = count_stack(volume, part, estimator, config.counter.confidence)
         counts.append(count_entry(last))
     if last is None:
         raise no_count(errors[0] if errors else "0 cycles; expected one or more",

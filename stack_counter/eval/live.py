@@ -22,6 +22,7 @@ from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval import metrics
 from stack_counter.eval.sets import folder_of
 from stack_counter.occupancy import make_estimator
+from stack_counter.part_catalogue import Part
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, picked, read_scenes, watch
 
@@ -88,7 +89,7 @@ def follow(scene: Scene, picks: int, share: float = 0.0) -> list[Stamp]:
         said: tuple = (None, 0, 0)
         try:
             stack.add_view(view)
-            count = stack.count(scene.truth.unit_volume, estimator, _CONFIDENCE)
+            count = stack.count(Part(scene.truth.unit_volume), estimator, _CONFIDENCE)
             said = (count.count, *count.count_interval)
         except (ViewError, ScanError) as error:
             print(f"scene {scene.index}, {true} parts: {error}")

@@ -21,14 +21,14 @@ from tf2_msgs.msg import TFMessage
 
 from stack_counter.config import CollectorConfig
 from stack_counter.cycles import Cycle, CycleFormer
-from stack_counter.errors import PartError, ViewError
+from stack_counter.errors import ConfigError, PartError, ViewError
 from stack_counter.messages import stamp_ns
 from stack_counter.nodes.base import RELIABLE, ManagedNode, run
 from stack_counter.nodes.conversions import to_header, to_posed_image
 from stack_counter.nodes.diagnostics import WARN, Rate
 from stack_counter.nodes.outbox import Outbox, Scan
 from stack_counter.nodes.recording import ScanRecording
-from stack_counter.parts import resolve_unit_volume
+from stack_counter.part_catalogue import resolve_part
 from stack_counter.rig import RigAssembler, rig_of
 from stack_counter.types import View, ViewTally
 
@@ -293,8 +293,9 @@ class Collector(ManagedNode[CollectorConfig]):
         Raises:
             PartError: unknown part, or no positive volume.
         """
-        known = part or unit_volume
-        return part, resolve_unit_volume(part, unit_volume) if known else 0.0
+        if not (part or unit_volume):
+            return part, 0.0
+        return part, resolve_part(part, unit_volume, self._config.part_catalogue).unit_volume
 
     def _start_scan(self, request: StartScan.Request, response: StartScan.Response
                     ) -> StartScan.Response:
@@ -308,7 +309,7 @@ class Collector(ManagedNode[CollectorConfig]):
             return response
         try:
             self._asked = self._known_part(request.part, request.unit_volume)
-        except PartError as error:
+        except (PartError, ConfigError) as error:
             response.message = str(error)
             return response
         if mode == "continuous" and self._open and self._scan is not None:

@@ -158,6 +158,8 @@ def to_stack_count(c: StackCount, request: StackVolumeMsg) -> StackCountMsg:
     message.count, (message.count_low, message.count_high) = c.count, c.count_interval
     message.confidence, message.gamma, message.gamma_std = c.confidence, c.gamma, c.gamma_std
     message.unit_volume, message.estimator = c.unit_volume, c.estimator
+    message.gamma_sources = list(c.gamma_shares)
+    message.gamma_shares, message.counted_scans = list(c.gamma_shares.values()), c.counted_scans
     message.status, message.reasons = _STATUS[c.status], list(c.reasons)
     message.seconds = to_seconds(c.seconds)
     return message

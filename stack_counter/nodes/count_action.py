@@ -17,10 +17,10 @@ from stack_counter_msgs.srv import GetCount, StartCount, StartScan, StopScan
 from std_srvs.srv import Trigger
 
 from stack_counter.config import CounterConfig
-from stack_counter.errors import PartError
+from stack_counter.errors import ConfigError, PartError
 from stack_counter.nodes.base import RELIABLE, ManagedNode
 from stack_counter.nodes.verdicts import with_verdict
-from stack_counter.parts import resolve_unit_volume
+from stack_counter.part_catalogue import resolve_part
 
 _COLLECTOR_WITHIN_S = 5.0  # a collector that is just starting is waited for
 _ANSWER_WITHIN_S = 10.0  # of a service
@@ -141,11 +141,10 @@ class CountAction:
             return (f"{asked.min_views} to {asked.max_views} views; expected a maximum of 0 "
                     "(none) or at least the minimum")
         try:
-            if asked.part or asked.unit_volume:
-                resolve_unit_volume(asked.part, asked.unit_volume)
-            else:
-                resolve_unit_volume(self.config.part, self.config.unit_volume_m3)
-        except PartError as error:
+            named = (asked.part, asked.unit_volume) if asked.part or asked.unit_volume \
+                else (self.config.part, self.config.unit_volume_m3)
+            resolve_part(*named, self.config.part_catalogue)
+        except (PartError, ConfigError) as error:
             return str(error)
         return ""
 

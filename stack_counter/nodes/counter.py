@@ -20,7 +20,7 @@ from stack_counter.nodes.display import NEWEST
 from stack_counter.nodes.markers import count_markers, text_place
 from stack_counter.nodes.verdicts import with_verdict
 from stack_counter.occupancy import make_estimator
-from stack_counter.parts import resolve_unit_volume
+from stack_counter.part_catalogue import Part, resolve_part
 from stack_counter.pipeline import count_stack
 from stack_counter.stack_messages import from_stack_volume
 
@@ -38,7 +38,7 @@ class CounterNode(ManagedNode[CounterConfig]):
         """Loads the estimator and connects it."""
         self._config = config
         if config.part or config.unit_volume_m3:
-            resolve_unit_volume(config.part, config.unit_volume_m3)  # or say why not
+            self._known(config, config.part, config.unit_volume_m3)  # or say why not
         self._estimator = make_estimator(config)
         self._last: StackCount | None = None
         self._count = self.advertise(StackCount, "count", LATCHED)
@@ -59,8 +59,13 @@ class CounterNode(ManagedNode[CounterConfig]):
     def adjust(self, config: CounterConfig) -> None:
         """Part, confidence and what is expected hold from the next count on."""
         if config.part or config.unit_volume_m3:
-            resolve_unit_volume(config.part, config.unit_volume_m3)
+            self._known(config, config.part, config.unit_volume_m3)
         self._config = self._action.config = config
+
+    @staticmethod
+    def _known(config: CounterConfig, part: str, unit_volume: float) -> Part:
+        """What is known of a part now: its catalogue may have changed since the last count."""
+        return resolve_part(part, unit_volume, config.part_catalogue)
 
     def _on_volume(self, message: StackVolume) -> None:
         count = self._counted(message)
@@ -83,8 +88,8 @@ class CounterNode(ManagedNode[CounterConfig]):
         if not part and not unit_volume:
             part, unit_volume = self._config.part, self._config.unit_volume_m3
         try:
-            unit_volume = resolve_unit_volume(part, unit_volume)
-            result = count_stack(from_stack_volume(message), unit_volume, self._estimator,
+            known = self._known(self._config, part, unit_volume)
+            result = count_stack(from_stack_volume(message), known, self._estimator,
                                  self._action.confidence_of(message.scan_id))
         except StackCounterError as error:
             return failed_count(str(error), message)

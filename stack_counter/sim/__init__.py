@@ -4,17 +4,22 @@
         scene.truth                               # count, V, gamma
         views = record(scene, views=12, seed=0)   # views with noisy depth and poses
 
-What is named here is for `train` and `eval`; the rest is the simulator's own.
+What is named here is for `train`, `eval` and `part`; the rest is the simulator's own.
 """
 
 from stack_counter.sim.bags import picked
 from stack_counter.sim.camera import DepthCamera
 from stack_counter.sim.casting import Caster
-from stack_counter.sim.containers import FOUND_AS
+from stack_counter.sim.containers import FOUND_AS, ContainerShape
+from stack_counter.sim.piles import drop
+from stack_counter.sim.plans import FRICTION, deep_container, pile_in
+from stack_counter.sim.recipes import most_parts
 from stack_counter.sim.recording import record, watch
-from stack_counter.sim.scene import Scene
+from stack_counter.sim.scene import Scene, SceneError
+from stack_counter.sim.shapes import Shape, ShapeError, shape_from_mesh
 from stack_counter.sim.shards import read_scenes, read_shard
 from stack_counter.sim.truth import Truth
 
-__all__ = ["FOUND_AS", "Caster", "DepthCamera", "Scene", "Truth", "picked", "read_scenes",
-           "read_shard", "record", "watch"]
+__all__ = ["FOUND_AS", "FRICTION", "Caster", "ContainerShape", "DepthCamera", "Scene",
+           "SceneError", "Shape", "ShapeError", "Truth", "deep_container", "drop", "most_parts",
+           "picked", "pile_in", "read_scenes", "read_shard", "record", "shape_from_mesh", "watch"]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stack_counter.sim.collision import convex_pieces
 from stack_counter.sim.plans import (
     MAX_PARTS,
     Plan,
@@ -62,3 +63,12 @@ class Recipe:
             rig = np.random.default_rng([seed, index // SCENES_PER_RIG, 0x416])
             return rig_plan(random, rig, shape, most)
         return PLANS[self.plan](random, shape, most)
+
+
+def most_parts(shape: Shape) -> int:
+    """Parts of a pile that the engine settles in a few seconds.
+
+    Raises:
+        ShapeError: the part has no convex decomposition.
+    """
+    return min(MAX_PARTS, _PIECES["rig"] // len(convex_pieces(shape)))

@@ -1,0 +1,217 @@
+"""The command `stack-counter part`: what is known of a part, from its CAD file to a count."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import sys
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from stack_counter.config import Config, load
+from stack_counter.errors import PartError
+from stack_counter.part_catalogue import Part, load_parts, remove_part, save_part
+from stack_counter.part_model import GammaModel
+from stack_counter.resources import config_path
+
+_SAME_VOLUME = 0.01  # relative; a part whose v changes by more is another part
+_UNITS = ("mm", "m", "in")  # those of part.mesh.UNITS, without its imports
+
+
+def add_part(commands: argparse._SubParsersAction) -> None:
+    """Adds the command to the command line's."""
+    part = commands.add_parser("part", help="teach what is known of a part: its CAD file, a "
+                                            "template, a counted bin")
+    more = part.add_subparsers(required=True, metavar="add | template | calibrate | list | remove")
+    _add_add(more)
+    _add_calibrate(more)
+    listing = _command(more, "list", "the parts that are known")
+    listing.set_defaults(run=_list)
+    remove = _command(more, "remove", "forget a part")
+    remove.add_argument("name", metavar="NAME")
+    remove.set_defaults(run=_remove)
+
+
+def _command(more: argparse._SubParsersAction, name: str, text: str) -> argparse.ArgumentParser:
+    command = more.add_parser(name, help=text)
+    command.add_argument("--config", type=Path, metavar="FILE", help="settings (ROS parameters)")
+    command.add_argument("--catalogue", type=Path, metavar="FILE",
+                         help="default: the configured one, config/parts.yaml")
+    return command
+
+
+def _add_add(more: argparse._SubParsersAction) -> None:
+    add = _command(more, "add", "v and gamma of a part from its CAD file: simulates its piles")
+    add.add_argument("name", type=_nonempty, metavar="NAME", help="what --part calls it")
+    add.add_argument("--mesh", type=Path, required=True, metavar="FILE",
+                     help="STL, OBJ, PLY, OFF or STEP, one watertight body")
+    add.add_argument("--unit", choices=_UNITS, default="mm",
+                     help="of the mesh's numbers (default mm; STEP says its own)")
+    add.add_argument("--density", type=_above_0, metavar="G_CM3", help="of the material, g/cm3")
+    add.add_argument("--friction", type=_above_0, nargs=2, metavar=("LOW", "HIGH"),
+                     help="of parts on each other, if known (default 0.2 0.7)")
+    add.add_argument("--piles", type=int, default=64, metavar="N", help="(default 64)")
+    add.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="W",
+                     help="processes (default: one a core)")
+    add.add_argument("--force", action="store_true",
+                     help="replace a part of another v, and forget its counted bins")
+    add.set_defaults(run=_add)
+
+
+def _add_calibrate(more: argparse._SubParsersAction) -> None:
+    calibrate = _command(more, "calibrate", "correct a part's gamma on this rig by a counted bin")
+    calibrate.add_argument("name", metavar="NAME")
+    calibrate.add_argument("bag", type=Path, nargs="?", metavar="BAG", help="recording of the bin")
+    known = calibrate.add_mutually_exclusive_group(required=True)
+    known.add_argument("--count", type=int, metavar="N", help="parts in it")
+    known.add_argument("--weight", type=_above_0, metavar="KG", help="of the parts in it")
+    known.add_argument("--undo", action="store_true", help="forget the last counted bin")
+    calibrate.add_argument("--piece-weight", type=_above_0, default=0.0, metavar="G",
+                           help="of one part; default: from its density")
+    calibrate.add_argument("--force", action="store_true",
+                           help="take a count that is implausible, or of another rig")
+    calibrate.set_defaults(run=_calibrate)
+
+
+def _nonempty(text: str) -> str:
+    if not text.strip() or "/" in text:
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a name without /")
+    return text
+
+
+def _above_0(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not (np.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a number above 0")
+    return value
+
+
+def _opened(options: argparse.Namespace) -> tuple[Config, Path]:
+    """Settings, with the catalogue that is meant, and its path."""
+    config = load(options.config or config_path("stack_counter.yaml"))
+    given = options.catalogue or config.counter.part_catalogue
+    path = Path(given) if given else config_path("parts.yaml")
+    return replace(config, counter=replace(config.counter, part_catalogue=str(path))), path
+
+
+def _known(name: str, path: Path) -> Part:
+    parts = load_parts(path)
+    if name not in parts:
+        raise PartError(f"unknown part '{name}'; expected one of {sorted(parts)}")
+    return parts[name]
+
+
+def _add(options: argparse.Namespace) -> int:
+    from stack_counter.part.add import make_order, models_of, simulate_part
+    from stack_counter.part.mesh import load_part_mesh
+    from stack_counter.sim import FRICTION
+
+    config, path = _opened(options)
+    if options.piles < 32:
+        raise PartError(f"--piles is {options.piles}; expected 32 or more")
+    old = (load_parts(path) if path.exists() else {}).get(options.name)
+    mesh = load_part_mesh(options.mesh, options.unit)
+    print(f"{options.mesh.name}: {' x '.join(f'{1000 * s:.1f}' for s in mesh.size_m)} mm, v "
+          f"{mesh.unit_volume * 1e6:.6g} cm3")
+    for note in mesh.notes:
+        print(f"note: {note}")
+    kept = _kept_history(old, mesh.unit_volume, options.force)
+    low, high = sorted(options.friction or (old.friction if old and old.friction else FRICTION))
+    order = make_order(mesh, config, (low, high))
+    with tqdm(total=options.piles, unit=" piles", desc="piles",
+              disable=not sys.stderr.isatty()) as bar:
+        piles = simulate_part(order, options.piles, options.workers, lambda: bar.update() and None)
+    models = models_of(order, piles)
+    folder = path.parent / "parts"
+    folder.mkdir(parents=True, exist_ok=True)
+    prior = folder / f"{options.name}.json"
+    models.write(prior)
+    stored = folder / f"{options.name}{options.mesh.suffix.lower()}"
+    if stored.resolve() != options.mesh.resolve():
+        shutil.copyfile(options.mesh, stored)
+    density = options.density * 1e3 if options.density else old.density if old else 0.0
+    save_part(Part(mesh.unit_volume, options.name, 0.0, stored, density, (low, high), prior,
+                   f"{date.today()} from {options.mesh.name}, unit {options.unit}", kept), path)
+    print(f"{models.made}\n{_gamma_lines(models.arc)}\nstored in {path}")
+    return 0
+
+
+def _kept_history(old: Part | None, unit_volume: float, force: bool) -> tuple:
+    if old is None or abs(unit_volume / old.unit_volume - 1) < _SAME_VOLUME:
+        return old.counted if old else ()
+    if not force:
+        raise PartError(f"part '{old.name}' is there with v {old.unit_volume * 1e6:.6g} cm3; "
+                        f"expected about that, not {unit_volume * 1e6:.6g} cm3 (--force replaces "
+                        f"it and forgets {len(old.counted)} counted bins)")
+    return ()
+
+
+def _gamma_lines(model: GammaModel) -> str:
+    """gamma over fills, and what it depends on."""
+    width = 6.0
+    lines = [f"gamma at a fill of {height} part lengths, {width:g} wide: {gamma:.3f} +- {std:.3f}"
+             for height in (1, 2, 4, 8) for gamma, std in [model.gamma_at(height, width)]]
+    return "\n".join([
+        *lines, f"per 0.1 of friction {model.per_tenth_of_friction:+.1%}, per 10% of the "
+                f"container's width {model.per_tenth_of_width(4, width):+.1%}"])
+
+
+def _calibrate(options: argparse.Namespace) -> int:
+    config, path = _opened(options)
+    part = _known(options.name, path)
+    if options.undo:
+        if not part.counted:
+            raise PartError(f"part '{part.name}' has no counted bin; expected one to forget")
+        last = part.counted[-1]
+        save_part(replace(part, counted=part.counted[:-1]), path)
+        print(f"forgot {last.bag}, {last.count} parts, of {last.date}; {len(part.counted) - 1} "
+              "counted bins left")
+        return 0
+    if options.bag is None or not options.bag.exists():
+        raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
+    from stack_counter.bag.replay import bag_volume
+    from stack_counter.occupancy import make_estimator
+    from stack_counter.part.calibrate import counted_scan, pieces
+
+    count = pieces(part, options.weight, options.piece_weight) if options.count is None \
+        else options.count
+    estimator = make_estimator(config.counter)
+    with tqdm(unit=" views", desc="scan", disable=not sys.stderr.isatty()) as bar:
+        volume = bag_volume(options.bag, config, part.unit_volume, lambda: bar.update() and None)
+    counted = counted_scan(part, volume, count, estimator, options.bag.resolve().name,
+                           config.counter.confidence, options.force)
+    save_part(replace(part, counted=(*part.counted, counted.scan)), path)
+    low, high = counted.before.count_interval
+    print(f"{options.bag}: {count} parts; without this bin it would have been "
+          f"{counted.before.count}, between {low} and {high}")
+    if counted.drifted:
+        print(f"warning: {abs(counted.drift):.1f} standard deviations off the "
+              f"{len(part.counted)} counted bins before: has the part, the rig or the count "
+              "changed? `--undo` forgets this one", file=sys.stderr)
+    print(f"{len(part.counted) + 1} counted bins of '{part.name}', stored in {path}")
+    return 0
+
+
+def _list(options: argparse.Namespace) -> int:
+    _, path = _opened(options)
+    for name, part in sorted(load_parts(path).items()):
+        std = f" +- {part.unit_volume_std * 1e6:.2g}" if part.unit_volume_std else ""
+        made = f"; {part.models.made}" if part.models else ""
+        print(f"{name}: v {part.unit_volume * 1e6:.6g}{std} cm3{made}; {len(part.counted)} "
+              f"counted bins{f' ({part.note})' if part.note else ''}")
+    return 0
+
+
+def _remove(options: argparse.Namespace) -> int:
+    _, path = _opened(options)
+    remove_part(options.name, path)
+    print(f"forgot '{options.name}' in {path}")
+    return 0

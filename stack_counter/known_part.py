@@ -1,0 +1,65 @@
+"""gamma of a part of which more is known than v: simulated piles of it, or counted bins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from stack_counter.occupancy import OccupancyEstimator
+from stack_counter.part_catalogue import Part
+from stack_counter.part_history import of_this_rig
+from stack_counter.part_model import PartModels, Reading, read_models, size_of
+from stack_counter.types import OccupancyEstimate, StackVolume
+
+SHIPPED = "parts.json"
+_DISAGREE = 3.0  # standard deviations
+_LARGEST_GAMMA = 0.98
+
+
+@cache
+def other_parts() -> PartModels:
+    """What scans of one part have in common, from parts that the estimator had not seen."""
+    return read_models(Path(str(resources.files("stack_counter") / "weights" / SHIPPED)))
+
+
+def estimate_part(volume: StackVolume, part: Part, estimator: OccupancyEstimator
+                  ) -> OccupancyEstimate:
+    """gamma from the estimator, joined with what is known of the part.
+
+    Reasons it may add: `part_disagrees`: the estimator is more than three standard deviations off
+    what is known (another part in the bin, ordered packing, foreign objects); `fill_unlike_piles`:
+    lower or narrower than the piles; `part_unused`: what is known cannot be used, without depth or
+    container; `calibrated_elsewhere`: no counted scan is of this rig.
+
+    Raises:
+        ScanError: as `OccupancyEstimator.estimate`.
+        PartError: the part's files cannot be read.
+    """
+    said = estimator.estimate(volume, part.unit_volume)
+    history = of_this_rig(part.counted, volume)
+    reasons = said.reasons
+    if part.counted and not history:
+        reasons += ("calibrated_elsewhere",)
+    models = part.models or (other_parts() if history else None)
+    if models is not None and (volume.top is None or volume.container.kind in ("none", "hull")):
+        models, reasons = None, (*reasons, "part_unused")
+    if models is None or not volume.stack_volume > 0:
+        spread = np.hypot(said.gamma_std / said.gamma, part.relative_std)
+        return replace(said, gamma_std=said.gamma * float(spread), reasons=reasons)
+    model = models.one_side if "one_side" in volume.reasons else models.arc
+    heard = np.log(said.gamma) if models.estimator == said.estimator else np.nan
+    scan = Reading(*size_of(volume, part.unit_volume), float(heard))
+    belief = model.believe(scan, [s.reading(models.estimator) for s in history],
+                           part.relative_std)
+    if not model.covers(scan):
+        reasons += ("fill_unlike_piles",)
+    wider = max(abs(belief.surprise) / _DISAGREE, 1.0)
+    if wider > 1:
+        reasons += ("part_disagrees",)
+    gamma = min(float(np.exp(belief.mean)), _LARGEST_GAMMA)
+    return OccupancyEstimate(gamma, gamma * belief.std * wider, model.scores, said.estimator,
+                             reasons, belief.shares, len(history))

@@ -1,0 +1,62 @@
+"""From a part's mesh to what is known of its gamma: `stack-counter part add`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from stack_counter.config import Config
+from stack_counter.errors import PartError
+from stack_counter.occupancy import make_estimator
+from stack_counter.part.fit import fit_model
+from stack_counter.part.mesh import PartMesh
+from stack_counter.part.piles import Order, Pile, rig_container, simulate_piles
+from stack_counter.part_model import PartModels
+from stack_counter.sim import ShapeError, shape_from_mesh
+
+
+def make_order(mesh: PartMesh, config: Config, friction: tuple[float, float]) -> Order:
+    """What to simulate for a part on the rig that the settings describe.
+
+    Raises:
+        ConfigError: the settings name a container that is not known.
+        PartError: the mesh is no solid that the simulator can use.
+    """
+    try:
+        shape = shape_from_mesh(mesh.vertices, mesh.faces, "part")
+    except ShapeError as error:
+        raise PartError(str(error)) from error
+    return Order(shape, rig_container(config.reconstructor), friction, config.counter)
+
+
+def simulate_part(order: Order, piles: int, workers: int, on_pile: Callable[[], None]
+                  ) -> list[Pile]:
+    """The piles; `on_pile` is called after each.
+
+    Raises:
+        PartError: the part does not pile up.
+    """
+    made = []
+    try:
+        for pile in simulate_piles(order, piles, workers):
+            made.append(pile)
+            on_pile()
+    except ShapeError as error:
+        raise PartError(f"{error}; a part of many small details: expected a mesh without threads "
+                        "and lettering") from error
+    return made
+
+
+def models_of(order: Order, piles: list[Pile]) -> PartModels:
+    """What the piles say.
+
+    Raises:
+        PartError: too few of them gave a scan.
+    """
+    low, high = order.friction
+    where = "containers of all widths" if order.container is None else \
+        f"{order.container.kind} of " + " x ".join(
+            f"{1000 * s:.0f}" for s in order.container.inner_size_m) + " mm"
+    return PartModels(
+        make_estimator(order.estimator).name,
+        fit_model([p.arc for p in piles if p.arc]), fit_model([p.above for p in piles if p.above]),
+        f"{len(piles)} simulated piles, {where}, friction {low:g} to {high:g}")
