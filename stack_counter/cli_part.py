@@ -29,6 +29,7 @@ def add_part(commands: argparse._SubParsersAction) -> None:
                                             "template, a counted bin")
     more = part.add_subparsers(required=True, metavar="add | template | calibrate | list | remove")
     _add_add(more)
+    _add_template(more)
     _add_calibrate(more)
     listing = _command(more, "list", "the parts that are known")
     listing.set_defaults(run=_list)
@@ -61,6 +62,18 @@ def _add_add(more: argparse._SubParsersAction) -> None:
     add.add_argument("--force", action="store_true",
                      help="replace a part of another v, and forget its counted bins")
     add.set_defaults(run=_add)
+
+
+def _add_template(more: argparse._SubParsersAction) -> None:
+    template = _command(more, "template", "v of a part without CAD file, from pieces on a table")
+    template.add_argument("name", type=_nonempty, metavar="NAME", help="what --part calls it")
+    template.add_argument("bag", type=Path, metavar="BAG",
+                          help="recording of the pieces, apart from each other, nothing else "
+                               "beside them; best in different rest poses")
+    template.add_argument("--pieces", type=int, required=True, metavar="K", help="how many")
+    template.add_argument("--density", type=_above_0, metavar="G_CM3", help="as for add")
+    template.add_argument("--force", action="store_true", help="as for add")
+    template.set_defaults(run=_template)
 
 
 def _add_calibrate(more: argparse._SubParsersAction) -> None:
@@ -125,7 +138,7 @@ def _add(options: argparse.Namespace) -> int:
         print(f"note: {note}")
     kept = _kept_history(old, mesh.unit_volume, options.force)
     low, high = sorted(options.friction or (old.friction if old and old.friction else FRICTION))
-    order = make_order(mesh, config, (low, high))
+    order = make_order(mesh.vertices, mesh.faces, config, (low, high))
     with tqdm(total=options.piles, unit=" piles", desc="piles",
               disable=not sys.stderr.isatty()) as bar:
         piles = simulate_part(order, options.piles, options.workers, lambda: bar.update() and None)
@@ -141,6 +154,33 @@ def _add(options: argparse.Namespace) -> int:
     save_part(Part(mesh.unit_volume, options.name, 0.0, stored, density, (low, high), prior,
                    f"{date.today()} from {options.mesh.name}, unit {options.unit}", kept), path)
     print(f"{models.made}\n{_gamma_lines(models.arc)}\nstored in {path}")
+    return 0
+
+
+def _template(options: argparse.Namespace) -> int:
+    config, path = _opened(options)
+    old = (load_parts(path) if path.exists() else {}).get(options.name)
+    if options.pieces < 1:
+        raise PartError(f"--pieces is {options.pieces}; expected 1 or more")
+    if old is not None and old.mesh is not None and not options.force:
+        raise PartError(f"part '{old.name}' has a mesh, by which v is {old.unit_volume * 1e6:.6g} "
+                        "cm3; expected a part without (--force replaces it)")
+    if not options.bag.exists():
+        raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
+    from stack_counter.bag.replay import bag_views
+    from stack_counter.template import scan_template, shipped
+
+    template = scan_template(bag_views(options.bag, config), options.pieces, config.reconstructor)
+    v, std = shipped().unit_volume(template)
+    kept = _kept_history(old, v, options.force)
+    density = options.density * 1e3 if options.density else old.density if old else 0.0
+    save_part(Part(v, options.name, std, density=density, counted=kept,
+                   note=f"{date.today()} from {options.pieces} pieces in "
+                        f"{options.bag.resolve().name}"), path)
+    if template.alike:
+        print("note: all pieces look alike, as round parts do; if yours do not, turn some of them "
+              "over and scan again")
+    print(f"v {v * 1e6:.5g} cm3 +- {std / v:.1%}, from {options.pieces} pieces\nstored in {path}")
     return 0
 
 
@@ -178,8 +218,8 @@ def _calibrate(options: argparse.Namespace) -> int:
     if options.bag is None or not options.bag.exists():
         raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
     from stack_counter.bag.replay import bag_volume
+    from stack_counter.counted_bin import counted_scan, pieces
     from stack_counter.occupancy import make_estimator
-    from stack_counter.part.calibrate import counted_scan, pieces
 
     count = pieces(part, options.weight, options.piece_weight) if options.count is None \
         else options.count

@@ -104,6 +104,23 @@ def find_region(views: list[View], config: ReconstructorConfig) -> Region:
     return _around(blob, everything)
 
 
+def find_pieces(views: list[View], config: ReconstructorConfig) -> Region:
+    """Finds the support plane and all that stands on it: pieces that lie apart.
+
+    Raises:
+        ScanError: as `find_region`, or nothing stands there.
+    """
+    region = find_region(views, config)
+    if np.any(config.roi_size_m):
+        return region
+    points = np.concatenate([p[np.isfinite(p[:, 2])] for p in
+                             (world_points(v, _STRIDE).reshape(-1, 3) for v in views)])
+    standing = _standing(points, region)
+    if not len(standing):
+        raise ScanError("nothing stands on the support plane; expected pieces that lie apart")
+    return _around(standing, region)
+
+
 def _standing(points: np.ndarray, region: Region) -> np.ndarray:
     """Those of (n, 3) points that stand on the plane: alone by far, or with their neighbours."""
     above = points[:, 2] - region.plane_z

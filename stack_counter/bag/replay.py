@@ -142,6 +142,21 @@ def bag_volume(path: Path, config: Config, unit_volume: float, on_view: Callable
     return _volume(stack, path, config.collector, 0.0, on_view)[0]
 
 
+def bag_views(path: Path, config: Config) -> list[View]:
+    """All posed views of a recorded scan.
+
+    Raises:
+        BagError, ConfigError: see there.
+        ScanError: there is none.
+    """
+    reader = BagReader(path)
+    assembler = RigAssembler(fit_rig(rig_of(config.collector), reader.topics), live=False)
+    views = [view for _, view in read_views(reader, assembler)]
+    if not views:
+        raise no_count("0 views; expected some", assembler.tally, assembler.last_errors)
+    return views
+
+
 def _volume(stack: StackCounter, path: Path, collector: CollectorConfig, rate: float,
             after_view: Callable[[], None]) -> tuple[StackVolume, bool]:
     """V of all the views of a bag with their tally, and whether the bag is cut short."""

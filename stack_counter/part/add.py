@@ -4,25 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from stack_counter.config import Config
 from stack_counter.errors import PartError
 from stack_counter.occupancy import make_estimator
 from stack_counter.part.fit import fit_model
-from stack_counter.part.mesh import PartMesh
 from stack_counter.part.piles import Order, Pile, rig_container, simulate_piles
 from stack_counter.part_model import PartModels
-from stack_counter.sim import ShapeError, shape_from_mesh
+from stack_counter.sim import FRICTION, ShapeError, shape_from_mesh
 
 
-def make_order(mesh: PartMesh, config: Config, friction: tuple[float, float]) -> Order:
+def make_order(vertices: np.ndarray, faces: np.ndarray, config: Config,
+               friction: tuple[float, float] = FRICTION) -> Order:
     """What to simulate for a part on the rig that the settings describe.
+
+    Args:
+        vertices: (n, 3) metres; `faces` (m, 3), counter-clockwise from outside.
+        config: settings.
+        friction: least and most, of parts on each other.
 
     Raises:
         ConfigError: the settings name a container that is not known.
         PartError: the mesh is no solid that the simulator can use.
     """
     try:
-        shape = shape_from_mesh(mesh.vertices, mesh.faces, "part")
+        shape = shape_from_mesh(vertices, faces, "part")
     except ShapeError as error:
         raise PartError(str(error)) from error
     return Order(shape, rig_container(config.reconstructor), friction, config.counter)

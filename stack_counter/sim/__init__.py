@@ -13,13 +13,14 @@ from stack_counter.sim.casting import Caster
 from stack_counter.sim.containers import FOUND_AS, ContainerShape
 from stack_counter.sim.piles import drop
 from stack_counter.sim.plans import FRICTION, deep_container, pile_in
-from stack_counter.sim.recipes import most_parts
+from stack_counter.sim.recipes import SCENES_PER_RIG, most_parts
 from stack_counter.sim.recording import record, watch
 from stack_counter.sim.scene import Scene, SceneError
 from stack_counter.sim.shapes import Shape, ShapeError, shape_from_mesh
 from stack_counter.sim.shards import read_scenes, read_shard
 from stack_counter.sim.truth import Truth
 
-__all__ = ["FOUND_AS", "FRICTION", "Caster", "ContainerShape", "DepthCamera", "Scene",
-           "SceneError", "Shape", "ShapeError", "Truth", "deep_container", "drop", "most_parts",
-           "picked", "pile_in", "read_scenes", "read_shard", "record", "shape_from_mesh", "watch"]
+__all__ = ["FOUND_AS", "FRICTION", "SCENES_PER_RIG", "Caster", "ContainerShape", "DepthCamera",
+           "Scene", "SceneError", "Shape", "ShapeError", "Truth", "deep_container", "drop",
+           "most_parts", "picked", "pile_in", "read_scenes", "read_shard", "record",
+           "shape_from_mesh", "watch"]

@@ -1,0 +1,161 @@
+"""What the scans of one part in one container have in common, of parts that the estimator had not
+seen: `weights/parts.json`, by which one counted bin corrects a part that has no CAD file.
+
+    stack-counter simulate --scenes 360 --seed 31 --plan rig --out RIGS
+    python -m stack_counter.train.scans SCANS RIGS:1
+    python -m stack_counter.train.scans SINGLE RIGS:1 --one-view
+    python -m stack_counter.train.parts SCANS --one-view SINGLE --families RUN/families.json \
+        --out WEIGHTS
+
+A mixed model (`part_model`): the coefficients of 1 and of the height differ from rig to rig, by a
+covariance that is found by maximum likelihood, as is the rest.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from stack_counter.gamma_input import PIXELS_PER_LENGTH
+from stack_counter.gamma_net import load_members
+from stack_counter.network import Known
+from stack_counter.part_model import FEATURES, GammaModel, PartModels, Reading, features
+from stack_counter.train.batches import fold_of
+from stack_counter.train.calibrate import Residual, center_of, residuals
+from stack_counter.train.fused import read_scans
+
+_SHARED = 2  # coefficients that differ from rig to rig: of 1 and of the height
+_FOLDS = 6  # of rigs, for the scores
+_LEAST = 4  # scans of a rig
+_SCORES = 400  # kept, evenly spaced
+Rigs = list[list[tuple[Reading, float]]]  # of each rig the readings, with V's relative deviation
+
+
+def rigs_of(of: list[Residual], center: float) -> Rigs:
+    """Scans by rig: of the same run, container and part."""
+    rigs = defaultdict(list)
+    for r in of:
+        s = r.scan.sample
+        seed, index = s.name.split(":")
+        if r.scan.found:
+            area = np.count_nonzero(s.maps.valid) / PIXELS_PER_LENGTH**2
+            true = np.log(s.gamma * r.scan.true_volume / r.scan.volume)
+            rigs[seed, int(index) // 9, s.length_m].append((Reading(
+                r.scan.volume / s.length_m**3 / area, np.sqrt(area),
+                np.log(r.gamma) + center, true), r.scan.volume_std / r.scan.volume))
+    return [rig for rig in rigs.values() if len(rig) >= _LEAST]
+
+
+class Mixed(torch.nn.Module):
+    """The mixed model's parameters."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        def square(n: int, size: float) -> torch.nn.Parameter:
+            return torch.nn.Parameter(size * torch.eye(n, dtype=torch.double))
+        self.coefficients = torch.nn.Parameter(torch.zeros(2, FEATURES, dtype=torch.double))
+        self.shared, self.noise = square(2 * _SHARED, 0.15), square(2, 0.08)
+
+    def loss(self, x: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
+        """Negative log likelihood of a rig's (2 n,) values, features (n, FEATURES)."""
+        both = torch.kron(torch.eye(2, dtype=torch.double), x[:, :_SHARED].contiguous())
+        shared, noise = (a.tril() @ a.tril().T for a in (self.shared, self.noise))
+        covariance = both @ shared @ both.T + torch.kron(noise, torch.eye(len(x)).double())
+        covariance = covariance + 1e-8 * torch.eye(len(covariance)).double()
+        mean = (x @ self.coefficients.T).T.reshape(-1)
+        return -torch.distributions.MultivariateNormal(mean, covariance).log_prob(values)
+
+
+def fit(rigs: Rigs) -> GammaModel:
+    """The model of maximum likelihood; without scores."""
+    data = [(torch.tensor(features(np.array([s.height for s, _ in rig]),
+                                   np.array([s.width for s, _ in rig]))),
+             torch.tensor(np.array([[s.true, s.said] for s, _ in rig]).T.ravel()))
+            for rig in rigs]
+    net = Mixed()
+    steps = torch.optim.LBFGS(net.parameters(), max_iter=200, line_search_fn="strong_wolfe")
+
+    def closure() -> torch.Tensor:
+        steps.zero_grad()
+        loss = torch.stack([net.loss(x, values) for x, values in data]).mean()
+        loss.backward()
+        return loss
+
+    steps.step(closure)
+    b, shared, noise = (p.detach() for p in (net.coefficients, net.shared, net.noise))
+    full = np.zeros((2, FEATURES, 2, FEATURES))
+    full[:, :_SHARED, :, :_SHARED] = (shared.tril() @ shared.tril().T).numpy().reshape(
+        2, _SHARED, 2, _SHARED)
+    every = [pair for rig in rigs for pair in rig]
+    return GammaModel(
+        b.numpy(), full.reshape(2 * FEATURES, 2 * FEATURES),
+        (noise.tril() @ noise.tril().T).numpy(), float(np.mean([v**2 for _, v in every])),
+        np.zeros(1), np.array([min(s.height for s, _ in every), min(s.width for s, _ in every)]),
+        np.full(2, np.nan), "training")
+
+
+def errors(rigs: Rigs, counted: int) -> tuple[np.ndarray, np.ndarray]:
+    """Log errors of scans of rigs left out, when so many other scans of theirs are counted, and
+    the same in standard deviations."""
+    random = np.random.default_rng(0)
+    misses, scores = [], []
+    for fold in range(_FOLDS):
+        model = fit([rig for i, rig in enumerate(rigs) if i % _FOLDS != fold])
+        for rig in rigs[fold::_FOLDS]:
+            for i, (scan, deviation) in enumerate(rig):
+                others = [s for k, (s, _) in enumerate(rig) if k != i]
+                for _ in range(3):
+                    taken = random.choice(len(others), counted, replace=False)
+                    belief = model.believe(Reading(scan.height, scan.width, scan.said),
+                                           [others[k] for k in taken])
+                    misses.append(scan.true - belief.mean)
+                    scores.append(misses[-1] / np.hypot(belief.std, deviation))
+    return np.array(misses), np.array(scores)
+
+
+def model_of(rigs: Rigs, title: str) -> GammaModel:
+    """The model with its scores; prints its errors."""
+    for counted in (1, 3):
+        misses, scores = errors(rigs, counted)
+        print(f"{title}: {len(rigs)} rigs, {counted} counted: mean error "
+              f"{np.abs(np.expm1(misses)).mean():.3f}, median "
+              f"{np.median(np.abs(np.expm1(misses))):.3f}, scores {scores.std():.2f}")
+        if counted == 1:
+            kept = np.quantile(scores, (np.arange(_SCORES) + 0.5) / _SCORES)
+    every = fit(rigs)
+    return GammaModel(**{**every.__dict__, "scores": kept})
+
+
+def main() -> int:
+    """Writes the file and prints the errors on rigs left out."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scans", type=Path)
+    parser.add_argument("--one-view", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--families", type=Path, required=True,
+                        help="families.json of the run that the weights are from")
+    parser.add_argument("--weights", type=Path,
+                        default=Path(__file__).parents[1] / "weights" / "gamma.safetensors")
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    members, facts, more = load_members(options.weights)
+    known = Known(*(more[name].double().numpy() for name in ("middle", "whiten", "reach")))
+    fold = fold_of(json.loads(options.families.read_text()))
+    models = []
+    for folder, title, center in zip((options.scans, options.one_view), ("around", "one side"),
+                                     more["centers"].tolist()):
+        of = residuals(dict(enumerate(members)), read_scans(folder), fold, known)
+        models.append(model_of(rigs_of(of, center), title))
+        print(f"center {center:+.3f}, here {center_of(of):+.3f}")
+    PartModels(f"network {facts['version']}", *models,
+               made="simulated rigs of training parts").write(options.out)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
