@@ -114,8 +114,10 @@ def _add_replay(commands: argparse._SubParsersAction) -> None:
     replay = commands.add_parser("replay", help="count the stack of a recorded bag")
     replay.add_argument("bag", type=Path, help="rosbag2 folder or .mcap file")
     part = replay.add_mutually_exclusive_group()
-    part.add_argument("--part", default="", metavar="NAME", help="part of config/parts.yaml")
+    part.add_argument("--part", default="", metavar="NAME", help="part of the catalogue")
     part.add_argument("--unit-volume-cm3", type=float, metavar="X", help="volume of one part")
+    replay.add_argument("--catalogue", type=Path, metavar="FILE",
+                        help="known parts; default: the configured ones, config/parts.yaml")
     replay.add_argument("--config", type=Path, metavar="FILE", help="settings (ROS parameters)")
     replay.add_argument("--json", type=Path, metavar="OUT", help="write the result here")
     replay.add_argument("--report", type=Path, metavar="DIR", help="write pictures here")
@@ -160,6 +162,8 @@ def _add_simulate(commands: argparse._SubParsersAction) -> None:
                      help="a fixed camera sees K parts taken away, one after the other")
     bag.add_argument("--cycles", type=_positive, metavar="K",
                      help="a station of four fixed cameras sees K fills, one after the other")
+    bag.add_argument("--spread", type=_positive, metavar="K",
+                     help="no pile: K pieces of the scene's part apart on a table")
     bag.add_argument("--noise-seed", type=int, default=0, metavar="S",
                      help="of poses, noise and materials")
     bag.set_defaults(run=_simulate_bag)
@@ -180,7 +184,8 @@ def _settings(options: argparse.Namespace) -> Config:
         raise ConfigError(f"--rate is {options.rate}; expected above 0")
     config = load(options.config or config_path("stack_counter.yaml"))
     chosen = {"confidence": options.confidence, "estimator": options.estimator,
-              "weights": str(options.weights) if options.weights else None}
+              "weights": str(options.weights) if options.weights else None,
+              "part_catalogue": str(options.catalogue.absolute()) if options.catalogue else None}
     values = {**config.counter.__dict__,
               **{key: value for key, value in chosen.items() if value is not None}}
     reconstructor = replace(config.reconstructor, live=options.live or config.reconstructor.live)
@@ -188,7 +193,10 @@ def _settings(options: argparse.Namespace) -> Config:
         by_sam2 = reconstructor.segmenter == "sam2"
         reconstructor = replace(reconstructor, prompts=str(options.prompts.absolute()),
                                 segmenter="sam2" if by_sam2 else "prompted")
-    return replace(config, counter=build(CounterConfig, values), reconstructor=reconstructor)
+    counter, collector = build(CounterConfig, values), config.collector
+    if options.catalogue is not None:
+        collector = replace(collector, part_catalogue=counter.part_catalogue)
+    return Config(collector, reconstructor, counter)
 
 
 def _replay(options: argparse.Namespace) -> int:
@@ -275,7 +283,12 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _simulate_bag(options: argparse.Namespace) -> int:
-    from stack_counter.sim.bags import write_picks_bag, write_scene_bag, write_station_bag
+    from stack_counter.sim.bags import (
+        write_picks_bag,
+        write_scene_bag,
+        write_spread_bag,
+        write_station_bag,
+    )
     from stack_counter.sim.shards import find_scene
 
     scene = find_scene(options.scene)
@@ -283,10 +296,13 @@ def _simulate_bag(options: argparse.Namespace) -> int:
         write_picks_bag(scene, options.bag, options.picks, options.noise_seed)
     elif options.cycles:
         write_station_bag(scene, options.bag, options.cycles, options.noise_seed)
+    elif options.spread:
+        write_spread_bag(scene, options.bag, options.spread, options.views, options.noise_seed)
     else:
         write_scene_bag(scene, options.bag, options.views, options.noise_seed)
-    print(f"{options.bag}: {len(scene.poses)} parts of {scene.shape.unit_volume * 1e6:.6g} cm3 "
-          f"({scene.shape.family}), container {scene.container.kind}")
+    where = "a table" if options.spread else f"container {scene.container.kind}"
+    print(f"{options.bag}: {options.spread or len(scene.poses)} parts of "
+          f"{scene.shape.unit_volume * 1e6:.6g} cm3 ({scene.shape.family}), {where}")
     return 0
 
 

@@ -185,8 +185,10 @@ def _template(options: argparse.Namespace) -> int:
 
 
 def _kept_history(old: Part | None, unit_volume: float, force: bool) -> tuple:
-    if old is None or abs(unit_volume / old.unit_volume - 1) < _SAME_VOLUME:
-        return old.counted if old else ()
+    if old is None or not old.counted:
+        return ()
+    if abs(unit_volume / old.unit_volume - 1) < _SAME_VOLUME:
+        return old.counted
     if not force:
         raise PartError(f"part '{old.name}' is there with v {old.unit_volume * 1e6:.6g} cm3; "
                         f"expected about that, not {unit_volume * 1e6:.6g} cm3 (--force replaces "

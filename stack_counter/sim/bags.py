@@ -1,7 +1,7 @@
 """Writes recordings of simulated scenes as a robot cell would make them, with their truth.
 
 `truth.json` in the bag's folder holds count, v, V, gamma and how the scene was made; of a
-sequence of picks also the count at every stamp.
+sequence of picks also the count at every stamp. Beside an arm's recording lies the part's mesh.
 """
 
 from __future__ import annotations
@@ -19,10 +19,13 @@ from stack_counter.bag.writer import Transform, write_bag, write_rig_bag
 from stack_counter.errors import BagError
 from stack_counter.sim.recording import FRAME, record, station, watch
 from stack_counter.sim.scene import Scene
+from stack_counter.sim.spread import spread
 from stack_counter.types import View
 
 _TF_STEP_NS = 20_000_000  # 50 Hz
 _REST = 2  # samples of /tf around an exposure in which the arm rests
+PART_MESH = "part.stl"  # the part in millimetres, beside the bag's files
+_MOST_SPREAD = 36  # pieces on a table
 _DEAD_CYCLE = 2  # in which one of a station's cameras gives nothing
 _LATENCY_NS = 7_000_000  # of the arm's poses against the images
 
@@ -38,6 +41,19 @@ def write_scene_bag(scene: Scene, out: Path, views: int, seed: int) -> None:
     taken = record(scene, views, seed)
     write_bag(out, taken, arm_transforms(taken))
     _write_truth(out, scene, seed, {})
+    solid = scene.shape.mesh.copy()
+    solid.apply_scale(1000).export(out / PART_MESH)
+
+
+def write_spread_bag(scene: Scene, out: Path, pieces: int, views: int, seed: int) -> None:
+    """A moving camera looks at so many pieces of the scene's part that lie apart on a table.
+
+    Raises:
+        BagError: as `write_scene_bag`, or too many pieces.
+    """
+    if not 1 <= pieces <= _MOST_SPREAD:
+        raise BagError(f"{pieces} pieces; expected 1 to {_MOST_SPREAD}")
+    write_scene_bag(spread(scene.shape, pieces, seed, scene.index), out, views, seed)
 
 
 def write_picks_bag(scene: Scene, out: Path, picks: int, seed: int) -> None:

@@ -9,8 +9,14 @@ from rosbags.highlevel import AnyReader
 
 from stack_counter.cli import main
 from stack_counter.errors import BagError
+from stack_counter.part.mesh import load_part_mesh
 from stack_counter.sim import Scene
-from stack_counter.sim.bags import picked, write_picks_bag, write_scene_bag
+from stack_counter.sim.bags import (
+    picked,
+    write_picks_bag,
+    write_scene_bag,
+    write_spread_bag,
+)
 from stack_counter.sim.containers import ContainerShape
 from stack_counter.sim.shapes import make_shape
 from stack_counter.sim.shards import write_shard
@@ -44,6 +50,16 @@ def test_an_arm_records_an_arc_of_views(scene, tmp_path):
     assert truth["volume_m3"] == pytest.approx(scene.truth.stack_volume)
     assert truth["gamma"] == pytest.approx(
         4 * truth["unit_volume_cm3"] * 1e-6 / truth["volume_m3"])
+
+
+def test_beside_a_recording_lies_the_parts_mesh(scene, tmp_path):
+    write_spread_bag(scene, tmp_path / "bag", 5, 3, seed=1)
+    truth = json.loads((tmp_path / "bag" / "truth.json").read_text())
+    assert truth["count"] == 5 and truth["family"] == "block"
+    assert load_part_mesh(tmp_path / "bag" / "part.stl").unit_volume == pytest.approx(
+        scene.shape.unit_volume, rel=1e-5)
+    with pytest.raises(BagError, match="37 pieces; expected 1 to 36"):
+        write_spread_bag(scene, tmp_path / "more", 37, 3, seed=1)
 
 
 def test_picks_take_the_highest_part_first(scene):

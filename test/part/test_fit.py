@@ -1,0 +1,65 @@
+"""Piles of one part as two regressions: what was put in comes out."""
+
+import numpy as np
+import pytest
+
+from stack_counter.counting import conformal_quantile
+from stack_counter.errors import PartError
+from stack_counter.part.fit import fit_model
+from stack_counter.part.piles import Seen
+from stack_counter.part_model import Reading
+
+
+def piles(count, seed=0, far=0):
+    """log gamma = -0.6 + 0.3 / (h + 1/2) - 1 / w - 0.2 (mu - 0.45), y 0.1 below it; noise 0.03,
+    0.05; V's own error 0.02; the first `far` have a container that was missed."""
+    random, out = np.random.default_rng(seed), []
+    for i in range(count):
+        height, width, mu = random.uniform(0.5, 6), random.uniform(4, 9), random.uniform(0.2, 0.7)
+        true = -0.6 + 0.3 / (height + 0.5) - 1 / width - 0.2 * (mu - 0.45)
+        noise = random.normal(0, [0.03, 0.05]) + (0.8 if i < far else 0.0) * np.array([1, 0])
+        out.append(Seen(Reading(height, width, true - 0.1 + noise[1], true + noise[0]), 0.02, mu))
+    return out
+
+
+def test_the_coefficients_the_noise_and_the_friction_come_out():
+    model = fit_model(piles(400))
+    assert model.coefficients[0] == pytest.approx([-0.6, 0.3, -1.0], abs=0.08)
+    assert np.sqrt(np.diag(model.noise)) == pytest.approx([0.03, 0.05], rel=0.1)
+    assert model.friction == pytest.approx([-0.2, -0.2], abs=0.03)
+    assert model.volume_variance == pytest.approx(0.02**2) and model.source == "piles"
+    gamma, std = model.gamma_at(3.0, 6.0)
+    assert gamma == pytest.approx(np.exp(-0.6 + 0.3 / 3.5 - 1 / 6), rel=0.01)
+    # What scans of a rig share: friction, which nobody has told.
+    assert std / gamma == pytest.approx(np.hypot(0.03, 0.2 * 0.5 / np.sqrt(12)), rel=0.1)
+
+
+def test_few_piles_leave_more_unknown():
+    few, many = (fit_model(piles(n)).gamma_at(10.0, 20.0)[1] for n in (32, 400))
+    assert few > many
+
+
+def test_scores_are_of_piles_left_out_and_hold_the_truth_as_often_as_they_say():
+    hits = []
+    for seed in range(4):
+        model = fit_model(piles(64, seed))
+        assert len(model.scores) == 64 and (np.diff(model.scores) >= 0).all()
+        low, high = (conformal_quantile(model.scores, share) for share in (0.05, 0.95))
+        for pile in piles(100, seed=10 + seed):
+            scan = Reading(pile.reading.height, pile.reading.width, pile.reading.said)
+            belief = model.believe(scan)
+            off = (pile.reading.true - belief.mean) / np.hypot(belief.std, pile.volume_std)
+            hits.append(low <= off <= high)
+    assert 0.86 < np.mean(hits) < 0.96
+
+
+def test_a_few_missed_containers_do_not_move_it_but_widen_the_scores():
+    clean, dirty = fit_model(piles(64)), fit_model(piles(64, far=4))
+    assert dirty.coefficients[0] == pytest.approx(clean.coefficients[0], abs=0.15)
+    assert np.sqrt(dirty.noise[0, 0]) < 0.04
+    assert dirty.scores[-4:].min() > 8 and clean.scores.max() < 5
+
+
+def test_too_few_piles_are_refused():
+    with pytest.raises(PartError, match="20 piles gave a scan; expected at least 24"):
+        fit_model(piles(20))

@@ -1,0 +1,178 @@
+"""Counts of a part of which more is known than v."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_part_catalogue import COUNTED
+from test_part_model import model, with_signal
+
+from stack_counter.counted_bin import counted_scan, pieces
+from stack_counter.errors import PartError
+from stack_counter.known_part import estimate_part
+from stack_counter.part_catalogue import Part
+from stack_counter.part_history import of_this_rig
+from stack_counter.part_model import PartModels
+from stack_counter.pipeline import count_stack
+from stack_counter.report import as_dict, as_text
+from stack_counter.types import (
+    Container,
+    HeightMap,
+    Intrinsics,
+    KeyView,
+    OccupancyEstimate,
+    StackVolume,
+    ViewTally,
+)
+
+V, SIZE = 1e-6, (0.1, 0.08, 0.05)
+
+
+class Says:
+    """An estimator that always says the same."""
+
+    def __init__(self, gamma=0.5, name="network 7"):
+        self.gamma, self.name = gamma, name
+
+    def estimate(self, volume, unit_volume):
+        return OccupancyEstimate(self.gamma, 0.1 * self.gamma, np.linspace(-2, 2, 99), self.name,
+                                 ("few_parts",))
+
+
+def scan(kind="box", size=SIZE, focal=610.0, reasons=(), height=0.03):
+    top = np.full((80, 100), height, np.float32)
+    maps = [HeightMap(np.eye(4), 0.001, a) for a in (top, np.zeros_like(top))]
+    view = KeyView(0, Intrinsics(4, 4, focal, focal, 2.0, 2.0), np.eye(4), 9, np.zeros((4, 4)))
+    return StackVolume(0, height * 0.008, 1e-9, Container(kind, np.eye(4), size), (0, 0.5, 1), 1.0,
+                       *maps, view, ViewTally(), tuple(reasons))
+
+
+@pytest.fixture
+def nut(tmp_path):
+    PartModels("network 7", with_signal(0.1), model(0.2), "64 piles").write(tmp_path / "nut.json")
+    return Part(V, "nut", gamma_prior=tmp_path / "nut.json")
+
+
+def history(gamma, **changes):
+    return replace(COUNTED, log_gamma=float(np.log(gamma)), said=float(np.log(0.5)), height=3.0,
+                   width=9.0, inner_size_m=SIZE, **changes)
+
+
+def test_v_alone_is_the_estimator_alone():
+    estimate = estimate_part(scan(), Part(V), Says())
+    assert estimate.gamma == 0.5 and estimate.gamma_std == pytest.approx(0.05)
+    assert estimate.shares == {"estimator": 1.0} and estimate.reasons == ("few_parts",)
+    unsure = estimate_part(scan(), Part(V, unit_volume_std=0.1 * V), Says())
+    assert unsure.gamma_std == pytest.approx(0.5 * np.hypot(0.1, 0.1))
+
+
+def test_the_piles_correct_the_estimator_and_the_count_says_so(nut):
+    count = count_stack(scan(), nut, Says(), 0.9)
+    assert 0.5 < count.gamma < 0.6 and set(count.gamma_shares) == {"estimator", "piles"}
+    low, high = count.count_interval
+    wide = count_stack(scan(), Part(V), Says(), 0.9).count_interval
+    assert high - low < wide[1] - wide[0]
+    assert as_dict(count, [])["gamma_shares"] == count.gamma_shares
+    assert "the part's piles" in as_text(count, None)
+
+
+def test_another_estimator_is_not_heard(nut):
+    assert estimate_part(scan(), nut, Says(0.3, "prior")).gamma == pytest.approx(0.6)
+
+
+def test_a_wrong_part_in_the_bin_is_a_reason(nut):
+    right, wrong = (count_stack(scan(), nut, Says(gamma), 0.9) for gamma in (0.55, 0.3))
+    assert "part_disagrees" not in right.reasons and right.status == "ok"
+    assert "part_disagrees" in wrong.reasons and wrong.status == "degraded"
+    assert wrong.gamma_std / wrong.gamma > right.gamma_std / right.gamma
+
+
+def test_fills_that_no_pile_had_are_a_reason(nut):
+    assert "fill_unlike_piles" in estimate_part(scan(height=0.001), nut, Says()).reasons
+
+
+@pytest.mark.parametrize("volume", [scan("none"), replace(scan(), top=None)])
+def test_without_depth_or_container_what_is_known_is_not_used(nut, volume):
+    estimate = estimate_part(volume, nut, Says())
+    assert estimate.gamma == 0.5 and "part_unused" in estimate.reasons
+
+
+def test_single_views_have_their_own_model(nut):
+    one = estimate_part(scan(reasons=["one_side"]), nut, Says())
+    assert one.gamma == pytest.approx(0.6) and one.gamma_std > 0.6 * 0.2
+
+
+def test_counted_scans_correct_with_and_without_piles(nut):
+    for part in (nut, Part(V, "nut")):
+        estimate = estimate_part(scan(), replace(part, counted=(history(0.7),) * 3), Says())
+        assert estimate.counted_scans == 3 and "counted" in estimate.shares
+        assert estimate.gamma > estimate_part(scan(), part, Says()).gamma + 0.04
+        assert sum(estimate.shares.values()) == pytest.approx(1)
+        assert "3 counted scans" in as_text(count_stack(
+            scan(), replace(part, counted=(history(0.7),) * 3), Says(), 0.9), None)
+
+
+@pytest.mark.parametrize("volume", [scan("round"), scan(size=(0.2, 0.08, 0.05)), scan(focal=900.0),
+                                    scan(reasons=["one_side"])])
+def test_a_calibration_of_another_rig_is_not_used(volume):
+    part = Part(V, "nut", counted=(history(0.7),))
+    assert of_this_rig(part.counted, scan()) and not of_this_rig(part.counted, volume)
+    estimate = estimate_part(volume, part, Says())
+    assert estimate.gamma == 0.5 and "calibrated_elsewhere" in estimate.reasons
+
+
+# --- counted bins --------------------------------------------------------------------------
+
+def count_bin(part, count, volume=None, force=False):
+    return counted_scan(part, volume or scan(), count, Says(), "bag", 0.9, force)
+
+
+def test_a_counted_bin_is_what_it_says(nut):
+    counted = count_bin(nut, 150)
+    assert counted.scan.log_gamma == pytest.approx(np.log(150 * V / 0.00024))
+    assert counted.scan.said == pytest.approx(np.log(0.5)) and counted.scan.container == "box"
+    assert counted.before.count == count_stack(scan(), nut, Says(), 0.9).count
+    assert counted.drift == 0 and not counted.drifted
+    assert counted.scan.checked() == counted.scan
+
+
+def test_a_bin_that_disagrees_with_the_history_drifts(nut):
+    part = replace(nut, counted=(history(0.6),) * 4)
+    assert not count_bin(part, 146).drifted
+    assert count_bin(part, 110).drifted
+
+
+@pytest.mark.parametrize("count", [0, -3, 12, 1400])
+def test_an_implausible_count_is_refused_with_both_numbers(nut, count):
+    estimated = count_stack(scan(), nut, Says(), 0.9).count
+    with pytest.raises(PartError, match=f"{count} parts counted, {estimated} estimated; expected"):
+        count_bin(nut, count)
+    if count > 0:
+        assert count_bin(nut, count, force=True).scan.count == count
+    else:
+        with pytest.raises(PartError, match="empty bin says nothing"):
+            count_bin(nut, count, force=True)
+
+
+@pytest.mark.parametrize("volume, what", [
+    (scan("round"), "container 'round'"), (scan(size=(0.2, 0.08, 0.05)), "200 x 80 x 50 mm"),
+    (scan(focal=900.0), "900 px"), (scan("none"), "'none'"), (replace(scan(), top=None), "depth")])
+def test_a_bin_of_another_rig_is_refused(nut, volume, what):
+    part = replace(nut, counted=(history(0.6),))
+    with pytest.raises(PartError, match=what):
+        count_bin(part, 140, volume)
+
+
+def test_a_bin_of_another_rig_can_be_forced(nut):
+    part = replace(nut, counted=(history(0.6),))
+    assert count_bin(part, 140, scan(focal=900.0), force=True).drift == 0
+
+
+def test_weights_give_counts():
+    part = Part(2e-6, "nut", density=2700.0)
+    assert pieces(part, 0.54, 0.0) == 100
+    assert pieces(part, 0.5, 5.0) == 100
+    with pytest.raises(PartError, match="no density_g_cm3"):
+        pieces(Part(2e-6, "nut"), 0.5, 0.0)
+    with pytest.raises(PartError, match="above 0"):
+        pieces(part, float("nan"), 1.0)
