@@ -9,6 +9,7 @@ import sys
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
@@ -16,8 +17,11 @@ from tqdm import tqdm
 from stack_counter.config import Config, load
 from stack_counter.errors import PartError
 from stack_counter.part_catalogue import Part, load_parts, remove_part, save_part
-from stack_counter.part_model import GammaModel
+from stack_counter.part_model import GammaModel, PartModels
 from stack_counter.resources import config_path
+
+if TYPE_CHECKING:
+    from stack_counter.part.piles import Order, Pile
 
 _SAME_VOLUME = 0.01  # relative; a part whose v changes by more is another part
 _UNITS = ("mm", "m", "in")  # those of part.mesh.UNITS, without its imports
@@ -59,6 +63,8 @@ def _add_add(more: argparse._SubParsersAction) -> None:
     add.add_argument("--piles", type=int, default=64, metavar="N", help="(default 64)")
     add.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="W",
                      help="processes (default: one a core)")
+    add.add_argument("--tune", action="store_true",
+                     help="adapt the network's last layers to the piles, where that is better")
     add.add_argument("--force", action="store_true",
                      help="replace a part of another v, and forget its counted bins")
     add.set_defaults(run=_add)
@@ -138,23 +144,43 @@ def _add(options: argparse.Namespace) -> int:
         print(f"note: {note}")
     kept = _kept_history(old, mesh.unit_volume, options.force)
     low, high = sorted(options.friction or (old.friction if old and old.friction else FRICTION))
-    order = make_order(mesh.vertices, mesh.faces, config, (low, high))
+    order = make_order(mesh.vertices, mesh.faces, config, (low, high), options.tune)
     with tqdm(total=options.piles, unit=" piles", desc="piles",
               disable=not sys.stderr.isatty()) as bar:
         piles = simulate_part(order, options.piles, options.workers, lambda: bar.update() and None)
-    models = models_of(order, piles)
     folder = path.parent / "parts"
     folder.mkdir(parents=True, exist_ok=True)
+    tuned = folder / f"{options.name}.safetensors" if options.tune else None
+    models = models_of(order, piles)
+    if tuned is not None:
+        models, tuned = _tuned_models(order, piles, models, tuned)
     prior = folder / f"{options.name}.json"
     models.write(prior)
     stored = folder / f"{options.name}{options.mesh.suffix.lower()}"
     if stored.resolve() != options.mesh.resolve():
         shutil.copyfile(options.mesh, stored)
     density = options.density * 1e3 if options.density else old.density if old else 0.0
-    save_part(Part(mesh.unit_volume, options.name, 0.0, stored, density, (low, high), prior,
+    save_part(Part(mesh.unit_volume, options.name, 0.0, stored, density, (low, high), prior, tuned,
                    f"{date.today()} from {options.mesh.name}, unit {options.unit}", kept), path)
     print(f"{models.made}\n{_gamma_lines(models.arc)}\nstored in {path}")
     return 0
+
+
+def _tuned_models(order: Order, piles: list[Pile], models: PartModels, path: Path
+                  ) -> tuple[PartModels, Path | None]:
+    """Those of the tuned network if it is better on piles left out, else the same."""
+    from stack_counter.gamma_net import save_tuning
+    from stack_counter.part.add import models_of
+    from stack_counter.part.tune import tune
+
+    tuning = tune(piles)
+    before, after = (100 * np.sqrt(x) for x in (tuning.joined, tuning.tuned))
+    if tuning.tuned >= tuning.joined:
+        print(f"tuning: error on piles left out {after:.1f}%, without it {before:.1f}%: not kept")
+        return models, None
+    save_tuning(path, tuning.weight, tuning.bias, models.estimator)
+    print(f"tuning: error on piles left out {after:.1f}%, without it {before:.1f}%: kept")
+    return models_of(order, tuning.piles, f"{models.estimator}, tuned"), path
 
 
 def _template(options: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from stack_counter.counting import make_count
 from stack_counter.errors import PartError
-from stack_counter.known_part import estimate_part, other_parts
+from stack_counter.known_part import estimate_part, for_part, other_parts
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.part_catalogue import Part
 from stack_counter.part_history import CountedScan, focal_of, of_this_rig
@@ -83,6 +83,7 @@ def counted_scan(part: Part, volume: StackVolume, count: int, estimator: Occupan
     if not force and not 1 / _IMPLAUSIBLE < ratio < _IMPLAUSIBLE:
         raise PartError(f"{count} parts counted, {before.count} estimated; expected a ratio "
                         f"within {_IMPLAUSIBLE:g}; --force takes it all the same")
+    estimator = for_part(estimator, part)
     said = float(np.log(estimator.estimate(volume, part.unit_volume).gamma))
     height, width = size_of(volume, part.unit_volume)
     scan = CountedScan(

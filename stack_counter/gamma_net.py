@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
@@ -23,6 +24,7 @@ from stack_counter.errors import WeightsError
 from stack_counter.gamma_input import CHANNELS
 
 FORMAT = "stack_counter gamma 1"
+TUNING = "stack_counter tuning 1"
 FORM = 3  # log part size, convexity and surface: learnt beside gamma
 _SCALARS = 3
 _DOWN = 16  # of the feature map
@@ -201,3 +203,28 @@ def _member(config: dict, encoder_folder: Path | None, tensors: dict[str, torch.
     if lacking or result.unexpected_keys:
         raise ValueError(f"member {number} lacks {lacking[:3]}, has {result.unexpected_keys[:3]}")
     return net.eval()
+
+
+def save_tuning(path: Path, weight: np.ndarray, bias: float, of: str) -> None:
+    """Writes changes of the members' last layers: of log gamma's weights (members, h) and bias;
+    `of` is the network's name."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    save_file({"weight": torch.from_numpy(weight), "bias": torch.tensor([bias]).double()}, path,
+              metadata={"format": TUNING, "of": of})
+
+
+def read_tuning(path: Path) -> tuple[np.ndarray, float, str]:
+    """What `save_tuning` wrote.
+
+    Raises:
+        WeightsError: missing, not safetensors or of another format.
+    """
+    try:
+        with safe_open(path, framework="pt") as file:
+            facts = dict(file.metadata() or {})
+            if facts.get("format") != TUNING:
+                raise WeightsError(f"{path} is '{facts.get('format')}'; expected '{TUNING}'")
+            return (file.get_tensor("weight").numpy(), float(file.get_tensor("bias")),
+                    facts["of"])
+    except (SafetensorError, OSError) as error:
+        raise WeightsError(f"{path} is no whole safetensors file: {error}") from error

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from stack_counter.part_catalogue import Part
 from stack_counter.part_history import of_this_rig
 from stack_counter.part_model import PartModels, Reading, read_models, size_of
 from stack_counter.types import OccupancyEstimate, StackVolume
+
+if TYPE_CHECKING:
+    from stack_counter.network import Network
 
 SHIPPED = "parts.json"
 _DISAGREE = 3.0  # standard deviations
@@ -24,6 +28,27 @@ _LARGEST_GAMMA = 0.98
 def other_parts() -> PartModels:
     """What scans of one part have in common, from parts that the estimator had not seen."""
     return read_models(Path(str(resources.files("stack_counter") / "weights" / SHIPPED)))
+
+
+def for_part(estimator: OccupancyEstimator, part: Part) -> OccupancyEstimator:
+    """The estimator, or the network as it is tuned to a part.
+
+    Raises:
+        WeightsError: the tuned layers cannot be read, or are another network's.
+    """
+    if part.tuned is None:
+        return estimator
+    from stack_counter.network import Network  # brings in torch, which takes seconds
+
+    if not isinstance(estimator, Network):
+        return estimator
+    return _tuned(estimator, part.tuned,
+                  part.tuned.stat().st_mtime_ns if part.tuned.exists() else 0)
+
+
+@lru_cache(maxsize=8)
+def _tuned(network: Network, path: Path, changed_ns: int) -> Network:
+    return network.tuned(path)
 
 
 def estimate_part(volume: StackVolume, part: Part, estimator: OccupancyEstimator
@@ -37,8 +62,9 @@ def estimate_part(volume: StackVolume, part: Part, estimator: OccupancyEstimator
 
     Raises:
         ScanError: as `OccupancyEstimator.estimate`.
-        PartError: the part's files cannot be read.
+        PartError, WeightsError: the part's files cannot be read.
     """
+    estimator = for_part(estimator, part)
     said = estimator.estimate(volume, part.unit_volume)
     history = of_this_rig(part.counted, volume)
     reasons = said.reasons

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -23,7 +24,7 @@ from stack_counter.gamma_input import (
     stack_maps,
     tiles,
 )
-from stack_counter.gamma_net import GammaNet, load_members
+from stack_counter.gamma_net import GammaNet, load_members, read_tuning
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.types import OccupancyEstimate, StackVolume
 
@@ -102,6 +103,35 @@ class Network:
         return OccupancyEstimate(gamma, gamma * spread * wider, scores, self.name,
                                  tuple(reasons))
 
+    def hidden(self, volume: StackVolume, unit_volume: float) -> np.ndarray:
+        """(members, h): see the function of that name.
+
+        Raises:
+            ScanError: as `estimate`.
+            WeightsError: as that function.
+        """
+        return hidden(self._members, stack_maps(volume, unit_volume))
+
+    def tuned(self, path: Path) -> Network:
+        """The same with last layers that `part.tune` has adapted to one part.
+
+        Raises:
+            WeightsError: not such a file, or of another network.
+        """
+        weight, bias, of = read_tuning(path)
+        if of != self.name or weight.shape[0] != len(self._members):
+            raise WeightsError(f"{path} is tuned from '{of}'; expected '{self.name}'")
+        other = copy.copy(self)
+        other.name = f"{self.name}, tuned"
+        other._members = [copy.deepcopy(net) for net in self._members]
+        with torch.no_grad():
+            for net, change in zip(other._members, weight):
+                last = net.head[-1]
+                assert isinstance(last, nn.Linear)  # of GammaNet; others have no `hidden`
+                last.weight[0] += torch.from_numpy(change).float()
+                last.bias[0] += bias
+        return other
+
     def _maps(self, volume: StackVolume, unit_volume: float) -> StackMaps | None:
         """From the best that there is to read; None if there is nothing."""
         view = volume.key_view
@@ -129,13 +159,18 @@ class Known:
         return float(np.linalg.norm(away) / self.reach[0])
 
 
+def _tiled(maps: StackMaps) -> tuple[torch.Tensor, np.ndarray]:
+    """Tiles that hold something, (n, CHANNELS, TILE, TILE), and their weights (n,)."""
+    pieces = [piece for piece in tiles(maps) if piece.height.any()]
+    weights = np.array([piece.height.sum() for piece in pieces], float)
+    return (torch.from_numpy(np.stack([channels(piece) for piece in pieces])),
+            weights / weights.sum())
+
+
 def predict(members: Sequence[nn.Module], maps: StackMaps) -> tuple[float, float, np.ndarray]:
     """Log gamma, the relative standard deviation of gamma, and the part's form (see
     `GammaNet.forward`): tiles weighted by what stands in them, members alike."""
-    pieces = [piece for piece in tiles(maps) if piece.height.any()]
-    x = torch.from_numpy(np.stack([channels(piece) for piece in pieces]))
-    weights = np.array([piece.height.sum() for piece in pieces], float)
-    weights /= weights.sum()
+    x, weights = _tiled(maps)
     with torch.inference_mode():
         out = [net(x) for net in members]
     mean = np.mean([o[0].numpy() for o in out], axis=0)  # (tiles,)
@@ -143,6 +178,33 @@ def predict(members: Sequence[nn.Module], maps: StackMaps) -> tuple[float, float
     form = np.mean([o[2].numpy() for o in out], axis=0)
     return (float(np.log(weights @ np.exp(mean))), float(np.sqrt(2) * weights @ scale),
             weights @ form)
+
+
+def hidden(members: Sequence[nn.Module], maps: StackMaps) -> np.ndarray:
+    """(members, h) float64: what the last layer of each reads, tiles weighted as in `predict`.
+
+    Raises:
+        WeightsError: networks upon DINOv2, which have no such layer.
+    """
+    x, weights = _tiled(maps)
+    out = []
+    for net in members:
+        if not isinstance(net, GammaNet):
+            raise WeightsError("the network is upon DINOv2; expected one of our own to tune")
+        out.append(weights @ _last_input(net, x))
+    return np.array(out, float)
+
+
+def _last_input(net: GammaNet, x: torch.Tensor) -> np.ndarray:
+    """(n, h) that the last layer reads of (n, CHANNELS, TILE, TILE)."""
+    read: list[torch.Tensor] = []
+    hook = net.head[-1].register_forward_hook(lambda _, args, __: read.append(args[0]))
+    try:
+        with torch.inference_mode():
+            net(x)
+    finally:
+        hook.remove()
+    return read[0].numpy()
 
 
 def doubts(maps: StackMaps, parts: float, size: float, walled: bool, known: Known

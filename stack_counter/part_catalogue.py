@@ -27,6 +27,7 @@ _HEAD = """\
 #   density_g_cm3        of the material, for bins that are weighed
 #   friction             least and most, of parts on each other
 #   gamma_prior          file of what simulated piles of the part say, from this file's folder
+#   tuned                file of the network's last layers, adapted to those piles
 #   note                 where it comes from
 #   counted              bins of it that were counted: `stack-counter part calibrate` writes these
 """
@@ -39,7 +40,7 @@ class Part:
     Attributes:
         unit_volume: v, m3; `unit_volume_std` its standard deviation, m3.
         name: in the catalogue; empty where only v was given.
-        mesh, gamma_prior: files; None where there are none.
+        mesh, gamma_prior, tuned: files; None where there are none.
         density: kg/m3; 0 where not known.
         friction: least and most; None where not known.
         note: where it comes from.
@@ -53,6 +54,7 @@ class Part:
     density: float = 0.0
     friction: tuple[float, float] | None = None
     gamma_prior: Path | None = None
+    tuned: Path | None = None
     note: str = ""
     counted: tuple[CountedScan, ...] = ()
 
@@ -165,7 +167,7 @@ class _OnceLoader(yaml.SafeLoader):
 
 
 _KEYS = ("unit_volume_cm3", "unit_volume_std_cm3", "mesh", "density_g_cm3", "friction",
-         "gamma_prior", "note", "counted")
+         "gamma_prior", "tuned", "note", "counted")
 
 
 def _part(name: str, entry: dict[str, Any], folder: Path) -> Part:
@@ -182,10 +184,10 @@ def _part(name: str, entry: dict[str, Any], folder: Path) -> Part:
     if friction is not None and not (isinstance(friction, list) and len(friction) == 2
                                      and 0 <= friction[0] <= friction[1] <= 2):
         raise ValueError(f"'{name}': friction {friction} (least and most, 0 to 2, needed)")
-    mesh, prior = (folder / entry[key] if entry.get(key) else None
-                   for key in ("mesh", "gamma_prior"))
+    mesh, prior, tuned = (folder / entry[key] if entry.get(key) else None
+                          for key in ("mesh", "gamma_prior", "tuned"))
     return Part(volume, name, std * 1e-6, mesh, density * 1e3,
-                (float(friction[0]), float(friction[1])) if friction else None, prior,
+                (float(friction[0]), float(friction[1])) if friction else None, prior, tuned,
                 str(entry.get("note", "")),
                 tuple(_counted(name, scan) for scan in entry.get("counted") or ()))
 
@@ -210,7 +212,7 @@ def _entry(part: Part, folder: Path) -> str:
     values: dict[str, Any] = {"unit_volume_cm3": float(f"{part.unit_volume * 1e6:.16g}")}
     if part.unit_volume_std:
         values["unit_volume_std_cm3"] = float(f"{part.unit_volume_std * 1e6:.4g}")
-    for key in ("mesh", "gamma_prior"):
+    for key in ("mesh", "gamma_prior", "tuned"):
         path = getattr(part, key)
         if path is not None:
             values[key] = str(path.relative_to(folder) if path.is_relative_to(folder) else path)

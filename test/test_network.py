@@ -10,9 +10,11 @@ from test_gamma_input import hills, stack
 from stack_counter.config import CounterConfig
 from stack_counter.errors import ScanError, WeightsError
 from stack_counter.gamma_input import describe, stack_maps
-from stack_counter.gamma_net import GammaNet, NetConfig, save_members
+from stack_counter.gamma_net import GammaNet, NetConfig, save_members, save_tuning
+from stack_counter.known_part import estimate_part, for_part
 from stack_counter.network import Network, predict
 from stack_counter.occupancy import Baselines, Prior, make_estimator
+from stack_counter.part_catalogue import Part
 
 V = 0.012**3
 
@@ -96,3 +98,37 @@ def test_weights_without_calibration_are_refused(tmp_path):
     save_members(path, [GammaNet(NetConfig((8, 8, 8, 8), (1, 1, 1, 1), 8))], {}, {})
     with pytest.raises(WeightsError, match="calibration"):
         make_estimator(CounterConfig(estimator="network", weights=str(path)))
+
+
+def test_tuned_last_layers_say_what_the_ridge_wants(weights, tmp_path):
+    net, volume, path = network(weights), stack(hills(1.0)), tmp_path / "t.safetensors"
+    read = net.hidden(volume, V)
+    assert read.shape == (2, 16)
+    save_tuning(path, 0.1 * read / (read**2).sum(axis=1, keepdims=True), 0.05, net.name)
+    before, after = (n.estimate(volume, V).gamma for n in (net, net.tuned(path)))
+    assert np.log(after / before) == pytest.approx(0.15, abs=1e-3)
+    assert net.estimate(volume, V).gamma == before, "the network itself stays"
+    assert net.tuned(path).name == "network test, tuned"
+
+
+def test_tuned_layers_of_another_network_are_refused(weights, tmp_path):
+    path = tmp_path / "t.safetensors"
+    save_tuning(path, np.zeros((2, 16)), 0.0, "network 9")
+    with pytest.raises(WeightsError, match="tuned from 'network 9'; expected 'network test'"):
+        network(weights).tuned(path)
+    with pytest.raises(WeightsError, match="expected 'stack_counter tuning 1'"):
+        network(weights).tuned(weights)
+    with pytest.raises(WeightsError, match="no whole safetensors file"):
+        network(weights).tuned(tmp_path / "none")
+
+
+def test_a_part_with_tuned_layers_is_counted_by_them(weights, tmp_path):
+    net, path = network(weights), tmp_path / "t.safetensors"
+    save_tuning(path, np.zeros((2, 16)), 0.2, net.name)
+    part = Part(V, "nut", tuned=path)
+    assert for_part(net, part).name == "network test, tuned" and for_part(net, Part(V)) is net
+    assert for_part(Prior(Baselines()), part).name == "prior (baseline)"
+    gamma = estimate_part(stack(hills(1.0)), part, net).gamma
+    assert gamma == pytest.approx(net.estimate(stack(hills(1.0)), V).gamma * np.exp(0.2))
+    save_tuning(path, np.zeros((2, 16)), 0.3, net.name)
+    assert estimate_part(stack(hills(1.0)), part, net).gamma > gamma, "a changed file is read"

@@ -16,23 +16,27 @@ from stack_counter.sim import FRICTION, ShapeError, shape_from_mesh
 
 
 def make_order(vertices: np.ndarray, faces: np.ndarray, config: Config,
-               friction: tuple[float, float] = FRICTION) -> Order:
+               friction: tuple[float, float] = FRICTION, tune: bool = False) -> Order:
     """What to simulate for a part on the rig that the settings describe.
 
     Args:
         vertices: (n, 3) metres; `faces` (m, 3), counter-clockwise from outside.
         config: settings.
         friction: least and most, of parts on each other.
+        tune: the network's last layers shall be adapted to the piles.
 
     Raises:
         ConfigError: the settings name a container that is not known.
-        PartError: the mesh is no solid that the simulator can use.
+        PartError: the mesh is no solid that the simulator can use; no network to tune.
     """
     try:
         shape = shape_from_mesh(vertices, faces, "part")
     except ShapeError as error:
         raise PartError(str(error)) from error
-    return Order(shape, rig_container(config.reconstructor), friction, config.counter)
+    if tune and config.counter.estimator != "network":
+        raise PartError(f"the estimator is '{config.counter.estimator}'; expected 'network' to "
+                        "tune")
+    return Order(shape, rig_container(config.reconstructor), friction, config.counter, tune)
 
 
 def simulate_part(order: Order, piles: int, workers: int, on_pile: Callable[[], None]
@@ -53,8 +57,8 @@ def simulate_part(order: Order, piles: int, workers: int, on_pile: Callable[[], 
     return made
 
 
-def models_of(order: Order, piles: list[Pile]) -> PartModels:
-    """What the piles say.
+def models_of(order: Order, piles: list[Pile], estimator: str = "") -> PartModels:
+    """What the piles say; `estimator`: its name, where it is another than the order's.
 
     Raises:
         PartError: too few of them gave a scan.
@@ -64,6 +68,6 @@ def models_of(order: Order, piles: list[Pile]) -> PartModels:
         f"{order.container.kind} of " + " x ".join(
             f"{1000 * s:.0f}" for s in order.container.inner_size_m) + " mm"
     return PartModels(
-        make_estimator(order.estimator).name,
+        estimator or make_estimator(order.estimator).name,
         fit_model([p.arc for p in piles if p.arc]), fit_model([p.above for p in piles if p.above]),
         f"{len(piles)} simulated piles, {where}, friction {low:g} to {high:g}")

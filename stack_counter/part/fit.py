@@ -35,6 +35,18 @@ def fit_model(piles: Sequence[Seen], source: str = "piles") -> GammaModel:
     return replace(every, scores=np.sort(scores))
 
 
+def left_out_error(piles: Sequence[Seen]) -> float:
+    """Mean squared error of log gamma, each pile by a model that has not seen it; those far off
+    are left out."""
+    usual = [piles[i] for i in _kept(*_arrays(piles))]
+    misses = []
+    for left in usual:
+        model = _fitted([p for p in usual if p is not left], "piles")
+        misses.append(left.reading.true
+                      - model.believe(replace(left.reading, true=np.nan)).mean)
+    return float(np.mean(np.square(misses)))
+
+
 def _fitted(piles: Sequence[Seen], source: str) -> GammaModel:
     x, values = _arrays(piles)
     coefficients, noise, doubt = _regression(x, values)

@@ -14,6 +14,7 @@ from stack_counter import geometry
 from stack_counter.config import CounterConfig, ReconstructorConfig
 from stack_counter.container_catalogue import configured_container
 from stack_counter.errors import PartError, StackCounterError
+from stack_counter.network import Network
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.part_model import Reading, size_of
 from stack_counter.sim import (
@@ -37,11 +38,13 @@ _SEED = 0xADD
 @dataclass(frozen=True)
 class Seen:
     """One simulated pile as one kind of scan shows it: what is read, the relative standard
-    deviation of V, and the friction it was made with."""
+    deviation of V, the friction it was made with, and, if the network shall be tuned, what its
+    last layers read, (members, h)."""
 
     reading: Reading
     volume_std: float
     friction: float
+    hidden: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,7 @@ class Order:
         container: of the rig; None for a spread of them.
         friction: least and most.
         estimator: settings of what says gamma.
+        tune: keep what the network's last layers read.
         seed: of everything.
     """
 
@@ -68,6 +72,7 @@ class Order:
     container: ContainerShape | None
     friction: tuple[float, float]
     estimator: CounterConfig
+    tune: bool = False
     seed: int = _SEED
 
 
@@ -108,8 +113,8 @@ def make_pile(order: Order, index: int) -> Pile:
     else:
         raise PartError(f"the part does not pile up: {why} ({_TRIES} tries)")
     estimator = _estimator(order.estimator)
-    return Pile(_seen(scene, reconstruct, estimator), _seen(scene, reconstruct_from_above,
-                                                            estimator))
+    return Pile(*(_seen(scene, how, estimator, order.tune)
+                  for how in (reconstruct, reconstruct_from_above)))
 
 
 def _dropped(order: Order, random: np.random.Generator, index: int) -> Scene:
@@ -125,13 +130,15 @@ def _estimator(config: CounterConfig) -> OccupancyEstimator:
     return make_estimator(config)
 
 
-def _seen(scene: Scene, how: Callable[[Scene], StackVolume], estimator: OccupancyEstimator
-          ) -> Seen | None:
+def _seen(scene: Scene, how: Callable[[Scene], StackVolume], estimator: OccupancyEstimator,
+          tune: bool) -> Seen | None:
     v = scene.truth.unit_volume
     try:
         volume = how(scene)
         return Seen(read(volume, v, estimator, scene.truth.count), volume.stack_volume_std
-                    / volume.stack_volume, scene.friction)
+                    / volume.stack_volume, scene.friction,
+                    estimator.hidden(volume, v) if tune and isinstance(estimator, Network)
+                    else None)
     except StackCounterError:
         return None
 
