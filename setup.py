@@ -68,6 +68,8 @@ EXTRAS = {
     ],
     # SAM 2, DINOv2 and Depth Anything V2; the weights are the user's own.
     "models": ["transformers>=5.24; python_version >= '3.11'"],
+    # STEP files of parts (no key).
+    "cad": ["cascadio>=0.1.1"],
     "test": [
         "mypy>=2.4",
         "pytest>=9.2",
@@ -100,6 +102,7 @@ if __name__ == "__main__":  # scripts/setup.sh imports the lists above
             ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
             (f"share/{NAME}", ["package.xml"]),
             share("config", "*.yaml", "*.xml", "*.rviz", "*.json"),
+            share("config/parts", "*"),
             share("launch", "*.py"),
         ],
         install_requires=REQUIRES,

@@ -211,10 +211,10 @@ install_package() {  # data files and commands; the code itself is used where it
 }
 
 if [[ $mode == wheels ]]; then
-  extras="wheels sim models test"
+  extras="wheels sim models cad test"
   setuptools="setuptools>=77"
 else
-  extras="sourced sim models test"
+  extras="sourced sim models cad test"
   setuptools="setuptools>=70,<80"  # colcon calls setup.py in ways that later ones dropped
 fi
 

@@ -52,6 +52,22 @@ def rigs_of(of: list[Residual], center: float) -> Rigs:
     return [rig for rig in rigs.values() if len(rig) >= _LEAST]
 
 
+def volume_errors(of: list[Residual]) -> tuple[float, float]:
+    """Standard deviation of log V's error between rigs, and within them, of scans less than 15%
+    off: what is farther off has missed its container."""
+    rigs = defaultdict(list)
+    for r in of:
+        error = np.log(r.scan.volume / r.scan.true_volume)
+        if r.scan.found and abs(error) < 0.15:
+            seed, index = r.scan.sample.name.split(":")
+            rigs[seed, int(index) // 9].append(error)
+    groups = [np.array(errors) for errors in rigs.values() if len(errors) >= _LEAST]
+    free = sum(map(len, groups)) - len(groups)
+    within = sum(((g - g.mean())**2).sum() for g in groups) / free
+    between = np.var([g.mean() for g in groups]) - within * np.mean([1 / len(g) for g in groups])
+    return float(np.sqrt(max(between, 0.0))), float(np.sqrt(within))
+
+
 class Mixed(torch.nn.Module):
     """The mixed model's parameters."""
 
@@ -151,7 +167,9 @@ def main() -> int:
                                      more["centers"].tolist()):
         of = residuals(dict(enumerate(members)), read_scans(folder), fold, known)
         models.append(model_of(rigs_of(of, center), title))
-        print(f"center {center:+.3f}, here {center_of(of):+.3f}")
+        between, within = volume_errors(of)
+        print(f"center {center:+.3f}, here {center_of(of):+.3f}; log V's error between rigs "
+              f"{between:.3f}, within {within:.3f}")
     PartModels(f"network {facts['version']}", *models,
                made="simulated rigs of training parts").write(options.out)
     return 0

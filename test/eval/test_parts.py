@@ -1,0 +1,83 @@
+"""Tables of what knowing the part brings."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_known_part import Says, scan
+from test_part_model import model
+
+from stack_counter.eval.parts import (
+    ROWS,
+    Answer,
+    Remembered,
+    answers_of,
+    rigs_of,
+    sensitivity,
+    table,
+)
+from stack_counter.part_model import PartModels
+from stack_counter.sim import read_scenes
+
+DATA = Path(__file__).parents[2] / "data" / "unseen-rigs"
+
+
+@pytest.fixture(scope="module")
+def rigs():
+    return rigs_of(list(read_scenes(DATA, 27)))
+
+
+def test_a_rig_is_one_part_in_one_container(rigs):
+    assert [len(rig.scenes) for rig in rigs] == [9, 9, 9]
+    for rig in rigs:
+        assert len({(s.shape.family, s.shape.seed, s.friction, s.container.inner_size_m)
+                    for s in rig.scenes}) == 1
+    assert len({rig.friction for rig in rigs}) == 3
+    other = replace(rigs[0].scenes[4], shape=rigs[1].scenes[0].shape)
+    mixed = rigs_of([*rigs[0].scenes[:4], other, *rigs[0].scenes[5:]])
+    assert [len(rig.scenes) for rig in mixed] == [8]
+
+
+def test_every_scan_is_counted_by_each_of_the_others(rigs):
+    rig = replace(rigs[0], scenes=rigs[0].scenes[:4])
+    scans = [(s, scan(height=0.02 + 0.002 * i)) for i, s in enumerate(rig.scenes)]
+    models = PartModels("network 7", model(), model(), "piles")
+    answers = answers_of(rig, scans, models, Remembered(Says()), 0.9)
+    counts = {row: sum(a.row == row for a in answers) for row in ROWS}
+    assert counts["v only"] == counts["CAD"] == 4
+    assert all(counts[row] == 12 for row in ROWS[2:])
+    text = table([rig], answers, 0)
+    assert "1 rigs, 1 parts of 1 families, 4 scans, 0 refused" in text
+    assert all(row in text for row in ROWS)
+
+
+def test_an_estimator_is_asked_once_for_each_scan():
+    class Counts(Says):
+        asked = 0
+
+        def estimate(self, volume, unit_volume):
+            self.asked += 1
+            return super().estimate(volume, unit_volume)
+
+    counts, volume = Counts(), scan()
+    remembered = Remembered(counts)
+    assert remembered.name == counts.name
+    assert remembered.estimate(volume, 1e-6) is remembered.estimate(volume, 1e-6)
+    remembered.estimate(volume, 2e-6)
+    assert counts.asked == 2
+
+
+def test_the_figures_are_those_of_the_answers(rigs):
+    answers = [Answer(row, 0, i, 100, 100 + 5 * i, 90, 110, 0.5, ()) for row in ROWS
+               for i in range(5)]
+    line = next(line for line in table(rigs[:1], answers, 0).splitlines()
+                if line.startswith("CAD  "))
+    assert [float(x) for x in line.split()[1:]] == pytest.approx(
+        [5, 0.1, 0.1, 0.1, 1.0, 10 / 110, 0.5], abs=2e-3)
+
+
+def test_the_sensitivity_is_that_of_the_models():
+    made = PartModels("n", model(), model(), "piles")
+    text = sensitivity([made, made])
+    assert f"{np.exp(-0.03) - 1:+.1%}" in text and "+0.0%" in text
