@@ -102,6 +102,7 @@ def _parser() -> argparse.ArgumentParser:
                        ("count", "of the whole count and its interval"),
                        ("live", "of the running count while parts are taken out"),
                        ("parts", "of counts where the part's CAD file or a counted bin is known"),
+                       ("template", "of v from pieces on a table"),
                        ("volume", "of V and the container"),
                        ("labels", "of the labels that segmenters give"),
                        ("images", "of V from pictures and labels, without depth"),

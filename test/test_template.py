@@ -7,7 +7,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.sim import record
 from stack_counter.sim.shapes import make_shape
-from stack_counter.sim.spread import rest_turns, spread
+from stack_counter.sim.table import rest_turns, spread
 from stack_counter.template import Template, scan_template, shipped
 
 BRACKET = make_shape(11, "bracket")

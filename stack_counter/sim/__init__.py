@@ -16,11 +16,13 @@ from stack_counter.sim.plans import FRICTION, deep_container, pile_in
 from stack_counter.sim.recipes import SCENES_PER_RIG, most_parts
 from stack_counter.sim.recording import record, watch
 from stack_counter.sim.scene import Scene, SceneError
-from stack_counter.sim.shapes import Shape, ShapeError, shape_from_mesh
+from stack_counter.sim.shapes import Shape, ShapeError, make_shape, shape_from_mesh
+from stack_counter.sim.shapes.library import load_shapes
 from stack_counter.sim.shards import read_scenes, read_shard
+from stack_counter.sim.table import spread
 from stack_counter.sim.truth import Truth
 
 __all__ = ["FOUND_AS", "FRICTION", "SCENES_PER_RIG", "Caster", "ContainerShape", "DepthCamera",
            "Scene", "SceneError", "Shape", "ShapeError", "Truth", "deep_container", "drop",
-           "most_parts", "picked", "pile_in", "read_scenes", "read_shard", "record",
-           "shape_from_mesh", "watch"]
+           "load_shapes", "make_shape", "most_parts", "picked", "pile_in", "read_scenes",
+           "read_shard", "record", "shape_from_mesh", "spread", "watch"]

@@ -19,7 +19,7 @@ from stack_counter.bag.writer import Transform, write_bag, write_rig_bag
 from stack_counter.errors import BagError
 from stack_counter.sim.recording import FRAME, record, station, watch
 from stack_counter.sim.scene import Scene
-from stack_counter.sim.spread import spread
+from stack_counter.sim.table import spread
 from stack_counter.types import View
 
 _TF_STEP_NS = 20_000_000  # 50 Hz

@@ -1,5 +1,7 @@
 """CAD files: what is taken, what is put right, and what is refused by name."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
@@ -92,3 +94,10 @@ def test_step_without_a_reader_names_the_extra(tmp_path, monkeypatch):
     (tmp_path / "a.step").write_text("ISO-10303-21;")
     with pytest.raises(PartError, match=r"stack_counter\[cad\]"):
         load_part_mesh(tmp_path / "a.step")
+
+
+def test_step_files_say_their_unit():
+    pytest.importorskip("cascadio", reason="the extra 'cad' is not installed")
+    part = load_part_mesh(Path(__file__).parent / "block.step", "m")  # 30 x 20 x 10 mm, bored
+    assert part.size_m == pytest.approx([0.03, 0.02, 0.01], rel=1e-4)
+    assert part.unit_volume == pytest.approx(6e-6 - np.pi * 0.004**2 * 0.01, rel=1e-3)
