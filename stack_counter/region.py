@@ -18,6 +18,7 @@ _FEWEST = 3  # points of a cell whose mean height counts
 _STRIDE = 4  # pixels between the points looked at
 _LOWEST = 0.006  # what stands less than this above the plane is never looked at, m
 _GROWTH = 0.1  # farthest that one view can grow the region, m
+_PIECE = 0.1  # least points of a piece on a table, over those of the largest
 MARGIN = 0.04  # plane kept around the blob: the container's foot and some support, m
 
 
@@ -116,6 +117,9 @@ def find_pieces(views: list[View], config: ReconstructorConfig) -> Region:
     points = np.concatenate([p[np.isfinite(p[:, 2])] for p in
                              (world_points(v, _STRIDE).reshape(-1, 3) for v in views)])
     standing = _standing(points, region)
+    of_point, counts = _blobs(standing)
+    if len(standing):  # what is much smaller than the largest is noise of far ground
+        standing = standing[(counts > _PIECE * counts.max())[of_point]]
     if not len(standing):
         raise ScanError("nothing stands on the support plane; expected pieces that lie apart")
     return _around(standing, region)
@@ -185,6 +189,15 @@ def largest_blob(points: np.ndarray) -> np.ndarray:
     """The points of the connected footprint that holds the most of them."""
     if not len(points):
         return points
+    of_point, counts = _blobs(points)
+    return points[of_point == np.argmax(counts)]
+
+
+def _blobs(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) which connected footprint each of (n, 3) points is in, from 1 on, and how many points
+    each holds; none holds those of number 0."""
+    if not len(points):
+        return np.zeros(0, np.int64), np.zeros(1, np.int64)
     cells = np.floor(points[:, :2] / _CELL).astype(np.int64)
     cells -= cells.min(axis=0)
     counts = np.zeros(cells.max(axis=0) + 1, np.int64)
@@ -193,4 +206,4 @@ def largest_blob(points: np.ndarray) -> np.ndarray:
     filled = ndimage.binary_dilation(counts > 0, iterations=_JOINED)
     names, _ = ndimage.label(filled, structure=np.ones((3, 3)))
     of_point = names[cells[:, 0], cells[:, 1]]
-    return points[of_point == np.argmax(np.bincount(of_point)[1:]) + 1]
+    return of_point, np.bincount(of_point)
