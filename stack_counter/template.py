@@ -31,6 +31,7 @@ _VOXEL = 0.001  # m
 _SPECK = 0.02  # of the largest piece: what is smaller is none
 _GAPS = range(8)  # cells within which fragments belong together
 _BEHIND = 0.0015  # m, that a surface must lie behind a place to prove it empty
+_UNLIKE = 5.0  # times the smallest, above which the largest piece is none of the same part
 _ROUND = 0.06  # log deviation of the pieces' volumes below which all poses look alike
 
 
@@ -105,7 +106,7 @@ def scan_template(views: list[View], pieces: int, config: ReconstructorConfig) -
         config: settings; container and voxel size are not used.
 
     Raises:
-        ScanError: no region, no surface, or another number of pieces.
+        ScanError: no region, no surface, another number of pieces, or pieces too unlike.
     """
     views = [view for view in views if view.depth is not None]
     if len(views) < config.min_views:
@@ -132,7 +133,7 @@ def template_of(volume: StackVolume, views: list[View], pieces: int) -> Template
         pieces: how many there are.
 
     Raises:
-        ScanError: another number of pieces.
+        ScanError: another number of pieces, or pieces too unlike to be whole.
     """
     assert volume.top is not None  # scans without depth are refused before
     heights, pitch = volume.top.heights, volume.top.pitch
@@ -147,6 +148,10 @@ def template_of(volume: StackVolume, views: list[View], pieces: int) -> Template
         carved.append(max(left, 0.05 * full))
         looks.append(_look(xy, tall, pitch, full, carved[-1]))
     v, all_looks = np.array(carved), np.array(looks)
+    if v.max() > _UNLIKE * v.min():
+        raise ScanError(f"the largest piece seen is {v.max() / v.min():.1f} times the smallest; "
+                        f"expected whole pieces of one part, less than {_UNLIKE:.0f} times apart "
+                        "(parts this thin or small are not seen whole: count a bin instead)")
     smallest = int(np.argmin(v))
     features = np.concatenate([
         all_looks.mean(axis=0), all_looks[smallest],

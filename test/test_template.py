@@ -1,5 +1,7 @@
 """v from pieces that lie apart on a table."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,3 +62,13 @@ def test_views_without_depth_are_too_few():
     views = [v for v in record(spread(BRACKET, 2, 1), 3, 0, color=False)]
     with pytest.raises(ScanError, match="2 views with depth; expected at least 3"):
         scan_template(views[:2], 2, ReconstructorConfig())
+
+
+def test_pieces_that_are_not_whole_are_refused():
+    scene = spread(BRACKET, 5, 1)
+    poses = scene.poses.copy()
+    tall = scene.parts_mesh().vertices.reshape(5, -1, 3)[0, :, 2].max()
+    poses[0, 2] -= 0.75 * tall  # sunk into the table
+    views = record(replace(scene, poses=poses), 12, 0, color=False)
+    with pytest.raises(ScanError, match="times the smallest; expected whole pieces"):
+        scan_template(views, 5, ReconstructorConfig())
