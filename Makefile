@@ -1,9 +1,9 @@
-# make setup: everything into .venv | demo: count a recorded bag | test: lint and tests
+# make setup: everything into .venv | demo: count a recorded bag twice | test: lint and tests
 # make soak: many scans in a row, and every node killed in every state (some ten minutes)
 # PYTHON=/path/to/python3.12 make setup: with an interpreter of your choice (3.10 to 3.13)
 
 SHELL := bash
-DEMO := .venv/bin/stack-counter replay bags/demo --part demo_nut
+DEMO := .venv/bin/stack-counter replay bags/demo
 # Puts this package's messages on the paths where ROS 2 is sourced; does nothing elsewhere.
 IN_VENV := source .venv/ros.bash &&
 
@@ -16,7 +16,10 @@ setup:
 	@PYTHON="$(PYTHON)" bash scripts/setup.sh
 
 demo: setup
-	@$(DEMO)
+	@echo; echo "The demo bin, 182 flange nuts. Only the volume of one is known:"; echo
+	@$(DEMO) --unit-volume-cm3 6.00488
+	@echo; echo "The same bin, and the part is known from its CAD file (config/parts.yaml):"; echo
+	@$(DEMO) --part demo_nut
 
 lint: setup
 	$(IN_VENV) .venv/bin/ruff check .
