@@ -218,7 +218,7 @@ def _kept_history(old: Part | None, unit_volume: float, force: bool) -> tuple:
     if not force:
         raise PartError(f"part '{old.name}' is there with v {old.unit_volume * 1e6:.6g} cm3; "
                         f"expected about that, not {unit_volume * 1e6:.6g} cm3 (--force replaces "
-                        f"it and forgets {len(old.counted)} counted bins)")
+                        f"it and forgets its counted bins: {len(old.counted)})")
     return ()
 
 
@@ -240,8 +240,8 @@ def _calibrate(options: argparse.Namespace) -> int:
             raise PartError(f"part '{part.name}' has no counted bin; expected one to forget")
         last = part.counted[-1]
         save_part(replace(part, counted=part.counted[:-1]), path)
-        print(f"forgot {last.bag}, {last.count} parts, of {last.date}; {len(part.counted) - 1} "
-              "counted bins left")
+        print(f"forgot {last.bag}, {last.count} parts, of {last.date}; counted bins left: "
+              f"{len(part.counted) - 1}")
         return 0
     if options.bag is None or not options.bag.exists():
         raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
@@ -262,9 +262,9 @@ def _calibrate(options: argparse.Namespace) -> int:
           f"{counted.before.count}, between {low} and {high}")
     if counted.drifted:
         print(f"warning: {abs(counted.drift):.1f} standard deviations off the "
-              f"{len(part.counted)} counted bins before: has the part, the rig or the count "
+              f"counted bins before ({len(part.counted)}): has the part, the rig or the count "
               "changed? `--undo` forgets this one", file=sys.stderr)
-    print(f"{len(part.counted) + 1} counted bins of '{part.name}', stored in {path}")
+    print(f"counted bins of '{part.name}': {len(part.counted) + 1}, stored in {path}")
     return 0
 
 
@@ -273,8 +273,8 @@ def _list(options: argparse.Namespace) -> int:
     for name, part in sorted(load_parts(path).items()):
         std = f" +- {part.unit_volume_std * 1e6:.2g}" if part.unit_volume_std else ""
         made = f"; {part.models.made}" if part.models else ""
-        print(f"{name}: v {part.unit_volume * 1e6:.6g}{std} cm3{made}; {len(part.counted)} "
-              f"counted bins{f' ({part.note})' if part.note else ''}")
+        print(f"{name}: v {part.unit_volume * 1e6:.6g}{std} cm3{made}; counted bins: "
+              f"{len(part.counted)}{f' ({part.note})' if part.note else ''}")
     return 0
 
 

@@ -22,7 +22,7 @@ from stack_counter.types import (
 )
 
 STAGES = ("load", "read", "segment", "integrate", "finish", "gamma", "total")
-_SOURCES = {"estimator": "it", "piles": "the part's piles", "counted": "{} counted scans",
+_SOURCES = {"estimator": "it", "piles": "the part's piles", "counted": "counted bins ({})",
             "training": "other parts"}
 _SHOWN = 640  # width of the pictures, pixels
 

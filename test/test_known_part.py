@@ -108,7 +108,7 @@ def test_counted_scans_correct_with_and_without_piles(nut):
         assert estimate.counted_scans == 3 and "counted" in estimate.shares
         assert estimate.gamma > estimate_part(scan(), part, Says()).gamma + 0.04
         assert sum(estimate.shares.values()) == pytest.approx(1)
-        assert "3 counted scans" in as_text(count_stack(
+        assert "counted bins (3)" in as_text(count_stack(
             scan(), replace(part, counted=(history(0.7),) * 3), Says(), 0.9), None)
 
 

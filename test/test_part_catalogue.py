@@ -24,7 +24,8 @@ def test_a_part_survives_the_file(tmp_path):
     path = tmp_path / "parts.yaml"
     PartModels("network 7", model(), model(), "64 piles").write(tmp_path / "parts" / "nut.json")
     part = Part(6.0e-6, "nut: #1", 1e-8, tmp_path / "nut.stl", 2700.0, (0.2, 0.5),
-                tmp_path / "parts" / "nut.json", "from nut.stl", (COUNTED, COUNTED))
+                tmp_path / "parts" / "nut.json", tmp_path / "parts" / "nut.safetensors",
+                "from nut.stl", (COUNTED, COUNTED))
     save_part(part, path)
     save_part(Part(1e-6, "other"), path)
     parts = load_parts(path)

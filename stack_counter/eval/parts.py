@@ -74,8 +74,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--piles", type=int, default=64, metavar="N", help="of `part add`")
     parser.add_argument("--confidence", type=float, default=0.9, metavar="P")
     parser.add_argument("--workers", type=int, default=1, metavar="W")
-    parser.add_argument("--cache", type=Path, default=Path("out/parts"), metavar="DIR",
-                        help="where simulated piles are kept: a run resumes (default out/parts)")
+    parser.add_argument("--cache", type=Path, default=Path("out/part-piles"), metavar="DIR",
+                        help="where simulated piles are kept: a run resumes"
+                             " (default out/part-piles)")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every count here")
 
 

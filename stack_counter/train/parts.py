@@ -1,9 +1,7 @@
 """What the scans of one part in one container have in common, of parts that the estimator had not
 seen: `weights/parts.json`, by which one counted bin corrects a part that has no CAD file.
+docs/parts.md says how SCANS and SINGLE, of `simulate --plan rig`, were made.
 
-    stack-counter simulate --scenes 360 --seed 31 --plan rig --out RIGS
-    python -m stack_counter.train.scans SCANS RIGS:1
-    python -m stack_counter.train.scans SINGLE RIGS:1 --one-view
     python -m stack_counter.train.parts SCANS --one-view SINGLE --families RUN/families.json \
         --out WEIGHTS
 
