@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 
@@ -91,10 +92,22 @@ def counted_scan(part: Part, volume: StackVolume, count: int, estimator: Occupan
         float(np.log(count * part.unit_volume / volume.stack_volume)), said, estimator.name,
         height, width, "one_side" in volume.reasons, volume.container.kind,
         tuple(float(x) for x in volume.container.inner_size_m), focal_of(volume))
-    why = part.counted[-1].elsewhere(volume) if part.counted else ""
-    if why and not force:
-        raise PartError(f"{bag} shows {why}; --force takes it all the same, for that other rig")
+    if not force:
+        _check_new(scan, part.counted, volume)
     return Counted(scan, before, _drift(part, volume, scan))
+
+
+def _check_new(scan: CountedScan, history: Sequence[CountedScan], volume: StackVolume) -> None:
+    """Raises PartError if a scan is of a rig that no other one is of, or is one of those."""
+    for old in history:
+        if old.bag == scan.bag and np.allclose([old.height, old.said], [scan.height, scan.said],
+                                               atol=1e-4):
+            raise PartError(f"{scan.bag} is there already, of {old.date}, {old.count} parts; "
+                            "expected another scan; --force takes it all the same")
+    whys = [old.elsewhere(volume) for old in history]
+    if all(whys) and whys:
+        raise PartError(f"{scan.bag} shows {whys[-1]}; --force takes it all the same, for that "
+                        "other rig")
 
 
 def _drift(part: Part, volume: StackVolume, scan: CountedScan) -> float:

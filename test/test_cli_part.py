@@ -45,7 +45,7 @@ def test_a_counted_bin_corrects_the_next_count_and_can_be_undone(tmp_path, capsy
     assert after["counted_scans"] == 1 and after["gamma_shares"]["counted"] > 0.2
     assert before["count"] < after["count"] <= true
     weight = f"{after['count'] * 1.5e-6 * 2700:.6f}"
-    assert part(capsys, "calibrate", "nut", path, "--weight", weight, *at)[0] == 0
+    assert part(capsys, "calibrate", "nut", path, "--weight", weight, *at, "--force")[0] == 0
     assert [scan.count for scan in load_parts(catalogue)["nut"].counted] == [true, after["count"]]
     for left in (1, 0):
         code, text, _ = part(capsys, "calibrate", "nut", "--undo", *at)

@@ -165,7 +165,17 @@ def test_a_bin_of_another_rig_is_refused(nut, volume, what):
 
 def test_a_bin_of_another_rig_can_be_forced(nut):
     part = replace(nut, counted=(history(0.6),))
-    assert count_bin(part, 140, scan(focal=900.0), force=True).drift == 0
+    first = count_bin(part, 140, scan(focal=900.0), force=True)
+    assert first.drift == 0
+    both = replace(part, counted=(first.scan, history(0.6)))
+    assert count_bin(both, 140, scan(height=0.02, focal=900.0)).drift != 0, "known by now"
+
+
+def test_one_recording_counts_once(nut):
+    part = replace(nut, counted=(count_bin(nut, 150).scan,))
+    with pytest.raises(PartError, match="bag is there already, of .*, 150 parts; expected an"):
+        count_bin(part, 151)
+    assert count_bin(part, 151, force=True).scan.count == 151
 
 
 def test_weights_give_counts():
