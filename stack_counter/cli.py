@@ -203,7 +203,8 @@ def _settings(options: argparse.Namespace) -> Config:
 def _replay(options: argparse.Namespace) -> int:
     begin = time.perf_counter()
     config = _settings(options)
-    part, given = options.part or config.counter.part, config.counter.unit_volume_m3
+    part = options.part or config.counter.part
+    given = 0.0 if options.part else config.counter.unit_volume_m3
     if options.unit_volume_cm3 is not None:
         part, given = "", check_unit_volume(options.unit_volume_cm3 * 1e-6)
     known = resolve_part(part, given, config.counter.part_catalogue)

@@ -16,14 +16,22 @@ from tqdm import tqdm
 
 from stack_counter.config import Config, load
 from stack_counter.errors import PartError
-from stack_counter.part_catalogue import Part, load_parts, remove_part, save_part
+from stack_counter.part_catalogue import (
+    MOST_FRICTION,
+    Part,
+    load_parts,
+    remove_part,
+    save_part,
+)
+from stack_counter.part_history import CountedScan
 from stack_counter.part_model import GammaModel, PartModels
 from stack_counter.resources import config_path
 
 if TYPE_CHECKING:
     from stack_counter.part.piles import Order, Pile
 
-_SAME_VOLUME = 0.01  # relative; a part whose v changes by more is another part
+_SAME_VOLUME = 0.01  # relative; a part whose v changes by more is another part,
+_SURE = 3.0  # or by more than so many standard deviations of a v that was measured
 _UNITS = ("mm", "m", "in")  # those of part.mesh.UNITS, without its imports
 
 
@@ -58,7 +66,7 @@ def _add_add(more: argparse._SubParsersAction) -> None:
     add.add_argument("--unit", choices=_UNITS, default="mm",
                      help="of the mesh's numbers (default mm; STEP says its own)")
     add.add_argument("--density", type=_above_0, metavar="G_CM3", help="of the material, g/cm3")
-    add.add_argument("--friction", type=_above_0, nargs=2, metavar=("LOW", "HIGH"),
+    add.add_argument("--friction", type=_friction, nargs=2, metavar=("LOW", "HIGH"),
                      help="of parts on each other, if known (default 0.2 0.7)")
     add.add_argument("--piles", type=int, default=64, metavar="N", help="(default 64)")
     add.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="W",
@@ -113,6 +121,13 @@ def _above_0(text: str) -> float:
     return value
 
 
+def _friction(text: str) -> float:
+    value = _above_0(text)
+    if value > MOST_FRICTION:
+        raise argparse.ArgumentTypeError(f"'{text}'; expected {MOST_FRICTION:g} or less")
+    return value
+
+
 def _opened(options: argparse.Namespace) -> tuple[Config, Path]:
     """Settings, with the catalogue that is meant, and its path."""
     config = load(options.config or config_path("stack_counter.yaml"))
@@ -136,13 +151,13 @@ def _add(options: argparse.Namespace) -> int:
     config, path = _opened(options)
     if options.piles < 32:
         raise PartError(f"--piles is {options.piles}; expected 32 or more")
-    old = (load_parts(path) if path.exists() else {}).get(options.name)
+    old = _entry(options.name, path)
     mesh = load_part_mesh(options.mesh, options.unit)
     print(f"{options.mesh.name}: {' x '.join(f'{1000 * s:.1f}' for s in mesh.size_m)} mm, v "
           f"{mesh.unit_volume * 1e6:.6g} cm3")
     for note in mesh.notes:
         print(f"note: {note}")
-    kept = _kept_history(old, mesh.unit_volume, options.force)
+    _kept_history(old, mesh.unit_volume, options.force)  # or say why not
     low, high = sorted(options.friction or (old.friction if old and old.friction else FRICTION))
     order = make_order(mesh.vertices, mesh.faces, config, (low, high), options.tune)
     with tqdm(total=options.piles, unit=" piles", desc="piles",
@@ -159,6 +174,8 @@ def _add(options: argparse.Namespace) -> int:
     stored = folder / f"{options.name}{options.mesh.suffix.lower()}"
     if stored.resolve() != options.mesh.resolve():
         shutil.copyfile(options.mesh, stored)
+    old = _entry(options.name, path)  # bins may have been counted meanwhile
+    kept = _kept_history(old, mesh.unit_volume, options.force)
     density = options.density * 1e3 if options.density else old.density if old else 0.0
     save_part(Part(mesh.unit_volume, options.name, 0.0, stored, density, (low, high), prior, tuned,
                    f"{date.today()} from {options.mesh.name}, unit {options.unit}", kept), path)
@@ -169,7 +186,7 @@ def _add(options: argparse.Namespace) -> int:
 def _tuned_models(order: Order, piles: list[Pile], models: PartModels, path: Path
                   ) -> tuple[PartModels, Path | None]:
     """Those of the tuned network if it is better on piles left out, else the same."""
-    from stack_counter.gamma_net import save_tuning
+    from stack_counter.gamma_net import save_tuning, tuned_name
     from stack_counter.part.add import models_of
     from stack_counter.part.tune import tune
 
@@ -180,12 +197,13 @@ def _tuned_models(order: Order, piles: list[Pile], models: PartModels, path: Pat
         return models, None
     save_tuning(path, tuning.weight, tuning.bias, models.estimator)
     print(f"tuning: error on piles left out {after:.1f}%, without it {before:.1f}%: kept")
-    return models_of(order, tuning.piles, f"{models.estimator}, tuned"), path
+    name = tuned_name(models.estimator, tuning.weight, tuning.bias)
+    return models_of(order, tuning.piles, name), path
 
 
 def _template(options: argparse.Namespace) -> int:
     config, path = _opened(options)
-    old = (load_parts(path) if path.exists() else {}).get(options.name)
+    old = _entry(options.name, path)
     if options.pieces < 1:
         raise PartError(f"--pieces is {options.pieces}; expected 1 or more")
     if old is not None and old.mesh is not None and not options.force:
@@ -210,11 +228,18 @@ def _template(options: argparse.Namespace) -> int:
     return 0
 
 
-def _kept_history(old: Part | None, unit_volume: float, force: bool) -> tuple:
-    if old is None or not old.counted:
+def _entry(name: str, path: Path) -> Part | None:
+    return (load_parts(path) if path.exists() else {}).get(name)
+
+
+def _kept_history(old: Part | None, unit_volume: float, force: bool) -> tuple[CountedScan, ...]:
+    """The counted bins of a part that is replaced by itself, with its new v."""
+    if old is None:
         return ()
-    if abs(unit_volume / old.unit_volume - 1) < _SAME_VOLUME:
-        return old.counted
+    ratio = unit_volume / old.unit_volume
+    if abs(ratio - 1) < max(_SAME_VOLUME, _SURE * old.relative_std):
+        return tuple(replace(scan, log_gamma=scan.log_gamma + float(np.log(ratio)))
+                     for scan in old.counted)
     if not force:
         raise PartError(f"part '{old.name}' is there with v {old.unit_volume * 1e6:.6g} cm3; "
                         f"expected about that, not {unit_volume * 1e6:.6g} cm3 (--force replaces "
@@ -260,6 +285,8 @@ def _calibrate(options: argparse.Namespace) -> int:
     low, high = counted.before.count_interval
     print(f"{options.bag}: {count} parts; without this bin it would have been "
           f"{counted.before.count}, between {low} and {high}")
+    if counted.before.reasons:
+        print(f"note: this scan is worth less by {', '.join(counted.before.reasons)}")
     if counted.drifted:
         print(f"warning: {abs(counted.drift):.1f} standard deviations off the "
               f"counted bins before ({len(part.counted)}): has the part, the rig or the count "

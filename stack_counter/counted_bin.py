@@ -45,12 +45,16 @@ def pieces(part: Part, weight: float, piece_weight: float) -> int:
         piece_weight: g; 0 where not given.
 
     Raises:
-        PartError: no piece weight and no density, or a weight that is no positive number.
+        PartError: no piece weight and no density, a v that is itself estimated, or a weight that
+            is no positive number.
     """
     each = piece_weight or part.density * part.unit_volume * 1e3
     if not each:
         raise PartError(f"part '{part.name}' has no density_g_cm3 and no piece weight is given; "
                         "expected one of them")
+    if part.unit_volume_std and not piece_weight:
+        raise PartError(f"v of part '{part.name}' is known to {part.relative_std:.1%}, and so is "
+                        "a weight by its density; expected the weight of a piece")
     if not (np.isfinite([weight, each]).all() and weight > 0 and each > 0):
         raise PartError(f"{weight} kg of pieces of {each} g; expected numbers above 0")
     return round(weight * 1e3 / each)
@@ -84,6 +88,9 @@ def counted_scan(part: Part, volume: StackVolume, count: int, estimator: Occupan
     if not force and not 1 / _IMPLAUSIBLE < ratio < _IMPLAUSIBLE:
         raise PartError(f"{count} parts counted, {before.count} estimated; expected a ratio "
                         f"within {_IMPLAUSIBLE:g}; --force takes it all the same")
+    if not volume.stack_volume > (0.0 if force else count * part.unit_volume):
+        raise PartError(f"{count} parts of {part.unit_volume * 1e6:.4g} cm3 counted in a stack of "
+                        f"{volume.stack_volume * 1e6:.4g} cm3; expected less than it holds")
     estimator = for_part(estimator, part)
     said = float(np.log(estimator.estimate(volume, part.unit_volume).gamma))
     height, width = size_of(volume, part.unit_volume)

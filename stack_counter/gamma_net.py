@@ -9,6 +9,7 @@ what gamma depends on.
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -211,6 +212,11 @@ def save_tuning(path: Path, weight: np.ndarray, bias: float, of: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     save_file({"weight": torch.from_numpy(weight), "bias": torch.tensor([bias]).double()}, path,
               metadata={"format": TUNING, "of": of})
+
+
+def tuned_name(of: str, weight: np.ndarray, bias: float) -> str:
+    """What a network is called with such changes: other piles, another name."""
+    return f"{of}, tuned {zlib.crc32(weight.astype(np.float32).tobytes(), int(1e6 * bias)):08x}"
 
 
 def read_tuning(path: Path) -> tuple[np.ndarray, float, str]:

@@ -58,7 +58,8 @@ def estimate_part(volume: StackVolume, part: Part, estimator: OccupancyEstimator
     Reasons it may add: `part_disagrees`: the estimator is more than three standard deviations off
     what is known (another part in the bin, ordered packing, foreign objects); `fill_unlike_piles`:
     lower or narrower than the piles; `part_unused`: what is known cannot be used, without depth or
-    container; `calibrated_elsewhere`: no counted scan is of this rig.
+    container, or because another v was given; `calibrated_elsewhere`: no counted scan is of this
+    rig; `estimator_unheard`: the piles were read by another estimator, so this one is not asked.
 
     Raises:
         ScanError: as `OccupancyEstimator.estimate`.
@@ -67,7 +68,7 @@ def estimate_part(volume: StackVolume, part: Part, estimator: OccupancyEstimator
     estimator = for_part(estimator, part)
     said = estimator.estimate(volume, part.unit_volume)
     history = of_this_rig(part.counted, volume)
-    reasons = said.reasons
+    reasons = said.reasons + (("part_unused",) if part.overridden else ())
     if part.counted and not history:
         reasons += ("calibrated_elsewhere",)
     models = part.models or (other_parts() if history else None)
@@ -78,6 +79,8 @@ def estimate_part(volume: StackVolume, part: Part, estimator: OccupancyEstimator
         return replace(said, gamma_std=said.gamma * float(spread), reasons=reasons)
     model = models.one_side if "one_side" in volume.reasons else models.arc
     heard = np.log(said.gamma) if models.estimator == said.estimator else np.nan
+    if np.isnan(heard):
+        reasons += ("estimator_unheard",)
     scan = Reading(*size_of(volume, part.unit_volume), float(heard))
     belief = model.believe(scan, [s.reading(models.estimator) for s in history],
                            part.relative_std)

@@ -24,7 +24,7 @@ from stack_counter.gamma_input import (
     stack_maps,
     tiles,
 )
-from stack_counter.gamma_net import GammaNet, load_members, read_tuning
+from stack_counter.gamma_net import GammaNet, load_members, read_tuning, tuned_name
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.types import OccupancyEstimate, StackVolume
 
@@ -122,7 +122,7 @@ class Network:
         if of != self.name or weight.shape[0] != len(self._members):
             raise WeightsError(f"{path} is tuned from '{of}'; expected '{self.name}'")
         other = copy.copy(self)
-        other.name = f"{self.name}, tuned"
+        other.name = tuned_name(self.name, weight, bias)
         other._members = [copy.deepcopy(net) for net in self._members]
         with torch.no_grad():
             for net, change in zip(other._members, weight):

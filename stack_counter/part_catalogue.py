@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from stack_counter.part_history import CountedScan
 from stack_counter.part_model import PartModels, read_models
 from stack_counter.resources import config_path
 
+MOST_FRICTION = 2.0
 _HEAD = """\
 # The part catalogue: what `--part NAME`, the parameter `part` and the action's goal look up.
 # `stack-counter part` writes it and keeps entries but not your comments. Of a part, only
@@ -45,6 +46,7 @@ class Part:
         friction: least and most; None where not known.
         note: where it comes from.
         counted: calibration history, oldest first.
+        overridden: v was given, and is not that by which the catalogue knows more of the part.
     """
 
     unit_volume: float
@@ -57,6 +59,7 @@ class Part:
     tuned: Path | None = None
     note: str = ""
     counted: tuple[CountedScan, ...] = ()
+    overridden: bool = False
 
     @cached_property
     def models(self) -> PartModels | None:
@@ -81,15 +84,22 @@ def load_parts(path: Path | None = None) -> dict[str, Part]:
     """
     path = path or config_path("parts.yaml")
     try:
+        now = path.stat()
+        return dict(_parts(path, (now.st_mtime_ns, now.st_ino, now.st_size)))
+    except OSError as error:
+        raise ConfigError(f"no part catalogue {path}: {error.strerror}") from error
+
+
+@lru_cache(maxsize=8)
+def _parts(path: Path, version: tuple[int, ...]) -> dict[str, Part]:
+    """Those of a version of the file: nodes ask for every volume."""
+    try:
         document = yaml.load(path.read_text(), _OnceLoader)
         if not isinstance(document, dict) or set(document) != {"parts"}:
             raise ValueError(f"{document if not isinstance(document, dict) else sorted(document)}")
         return {str(name): _part(str(name), entry, path.parent)
                 for name, entry in (document["parts"] or {}).items()}
-    except OSError as error:
-        raise ConfigError(f"no part catalogue {path}: {error.strerror}") from error
-    except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError,
-            PartError) as error:
+    except (yaml.YAMLError, AttributeError, KeyError, ValueError) as error:
         line = " ".join(str(error).split())
         raise ConfigError(f"{path} is malformed at {line}; expected 'parts: NAME: "
                           "unit_volume_cm3: NUMBER' and what the head of config/parts.yaml "
@@ -118,7 +128,8 @@ def resolve_part(name: str, unit_volume: float, catalogue: str = "") -> Part:
         part.models  # noqa: B018 - or say why its file cannot be read
         return part
     if unit_volume:
-        return Part(check_unit_volume(unit_volume), name)
+        more = name in parts and (parts[name].gamma_prior or parts[name].counted)
+        return Part(check_unit_volume(unit_volume), name, overridden=bool(more))
     raise PartError(f"unknown part '{name}'; expected one of {sorted(parts)}")
 
 
@@ -151,6 +162,7 @@ def _write(parts: dict[str, Part], path: Path) -> None:
     text = _HEAD + "parts:\n" + "".join(_entry(parts[name], path.parent) for name in sorted(parts))
     half = path.with_suffix(".part")
     half.write_text(text)
+    load_parts(half)  # or say what cannot be read again, before anything is lost
     half.replace(path)
 
 
@@ -159,8 +171,8 @@ class _OnceLoader(yaml.SafeLoader):
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         """The mapping. Raises ValueError where a key comes twice."""
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        twice = [str(key) for i, key in enumerate(keys) if key in keys[:i]]
+        keys = [str(self.construct_object(key, deep=True)) for key, _ in node.value]
+        twice = [key for i, key in enumerate(keys) if key in keys[:i]]
         if twice:
             raise ValueError(f"two entries '{twice[0]}' (one needed)")
         return super().construct_mapping(node, deep)
@@ -171,38 +183,57 @@ _KEYS = ("unit_volume_cm3", "unit_volume_std_cm3", "mesh", "density_g_cm3", "fri
 
 
 def _part(name: str, entry: dict[str, Any], folder: Path) -> Part:
+    try:
+        return _checked_part(name, entry, folder)
+    except (TypeError, ValueError, PartError) as error:
+        raise ValueError(f"'{name}': {error}") from error
+
+
+def _checked_part(name: str, entry: dict[str, Any], folder: Path) -> Part:
     if not isinstance(entry, dict):
-        raise ValueError(f"'{name}': {entry!r} (keys needed)")
+        raise ValueError(f"{entry!r} (keys needed)")
     wrong = [key for key in entry if key not in _KEYS]
     if wrong:
-        raise ValueError(f"'{name}': key '{wrong[0]}' (one of {', '.join(_KEYS)} needed)")
+        raise ValueError(f"key '{wrong[0]}' (one of {', '.join(_KEYS)} needed)")
     if "unit_volume_cm3" not in entry:
-        raise ValueError(f"'{name}': no unit_volume_cm3")
-    volume = check_unit_volume(float(entry["unit_volume_cm3"]) * 1e-6)
-    std, density = (_number(name, entry, key) for key in ("unit_volume_std_cm3", "density_g_cm3"))
-    friction = entry.get("friction")
-    if friction is not None and not (isinstance(friction, list) and len(friction) == 2
-                                     and 0 <= friction[0] <= friction[1] <= 2):
-        raise ValueError(f"'{name}': friction {friction} (least and most, 0 to 2, needed)")
-    mesh, prior, tuned = (folder / entry[key] if entry.get(key) else None
+        raise ValueError("no unit_volume_cm3")
+    volume, std, density = (_number(entry.get(key, 0.0), key) for key in (
+        "unit_volume_cm3", "unit_volume_std_cm3", "density_g_cm3"))
+    mesh, prior, tuned = (folder / str(entry[key]) if entry.get(key) else None
                           for key in ("mesh", "gamma_prior", "tuned"))
-    return Part(volume, name, std * 1e-6, mesh, density * 1e3,
-                (float(friction[0]), float(friction[1])) if friction else None, prior, tuned,
-                str(entry.get("note", "")),
-                tuple(_counted(name, scan) for scan in entry.get("counted") or ()))
+    counted = entry.get("counted") or []
+    if not isinstance(counted, list):
+        raise ValueError(f"counted {counted!r} (a list needed)")
+    return Part(check_unit_volume(volume * 1e-6), name, std * 1e-6, mesh, density * 1e3,
+                _friction(entry.get("friction")), prior, tuned, str(entry.get("note", "")),
+                tuple(_counted(scan) for scan in counted))
 
 
-def _number(name: str, entry: dict[str, Any], key: str) -> float:
-    value = float(entry.get(key, 0.0))
-    if not (math.isfinite(value) and value >= 0):
-        raise ValueError(f"'{name}': {key} {entry[key]} (0 or more needed)")
-    return value
+def _number(value: object, what: str) -> float:
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and number >= 0):
+        raise ValueError(f"{what} {value!r} (a number, 0 or more, needed)")
+    return number
 
 
-def _counted(name: str, entry: dict[str, Any]) -> CountedScan:
+def _friction(pair: object) -> tuple[float, float] | None:
+    if pair is None:
+        return None
+    if not isinstance(pair, list) or len(pair) != 2:
+        raise ValueError(f"friction {pair!r} (least and most needed)")
+    low, high = (_number(value, "friction") for value in pair)
+    if not low <= high <= MOST_FRICTION:
+        raise ValueError(f"friction {pair} (least and most, 0 to {MOST_FRICTION:g}, needed)")
+    return low, high
+
+
+def _counted(entry: dict[str, Any]) -> CountedScan:
     names = [f.name for f in fields(CountedScan)]
     if not isinstance(entry, dict) or sorted(entry) != sorted(names):
-        raise ValueError(f"'{name}': counted {entry} (keys {', '.join(names)} needed)")
+        raise ValueError(f"counted {entry} (keys {', '.join(names)} needed)")
     scan = CountedScan(**entry)
     return replace(scan, inner_size_m=tuple(float(x) for x in scan.inner_size_m)).checked()
 

@@ -69,8 +69,8 @@ class CountedScan:
         if kind != self.container:
             return f"container '{kind}'; expected '{self.container}', as on {self.date}"
         mine = np.array(self.inner_size_m)
-        if mine.any() and size.any() and (np.abs(size / np.maximum(mine, 1e-9) - 1)
-                                          > _SAME_SIZE).any():
+        if mine.any() and size.any() and (np.abs(_sorted(size) / np.maximum(_sorted(mine), 1e-9)
+                                                 - 1) > _SAME_SIZE).any():
             return (f"a container of {_mm(size)} mm; expected about {_mm(mine)} mm, as on "
                     f"{self.date}")
         focal = focal_of(volume)
@@ -97,6 +97,11 @@ def of_this_rig(history: Sequence[CountedScan], volume: StackVolume) -> list[Cou
 def focal_of(volume: StackVolume) -> float:
     """Focal length of the key view's camera, pixels; 0 without one."""
     return float(volume.key_view.intrinsics.fx) if volume.key_view else 0.0
+
+
+def _sorted(size: np.ndarray) -> np.ndarray:
+    """The shorter side first: which one is x is chance, from scan to scan."""
+    return np.append(np.sort(size[:2]), size[2])
 
 
 def _mm(size: np.ndarray) -> str:

@@ -103,8 +103,7 @@ class GammaModel:
         before, spread = _given(mean, covariance, values, history)  # counted scans alone
         weight, surprise = 0.0, 0.0
         if np.isfinite(scan.said):
-            at_rest = before[said] - before[new]  # what the estimator says too much of this part
-            difference = scan.said - at_rest - before[new]
+            difference = scan.said - before[said]
             weight = float(np.clip(spread[new, said] / spread[said, said], 0, 1))
             surprise = float(difference) / np.sqrt(spread[said, said])
         after, narrow = _given(mean, covariance, values, known)
@@ -178,7 +177,9 @@ class PartModels:
         document = {"format": FORMAT, "estimator": self.estimator, "made": self.made,
                     **{name: _as_lists(getattr(self, name)) for name in _VIEWED}}
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(document) + "\n")
+        half = path.with_suffix(".part")
+        half.write_text(json.dumps(document) + "\n")
+        half.replace(path)
 
 
 _VIEWED = ("arc", "one_side")

@@ -28,6 +28,7 @@ from stack_counter.types import StackVolume, View
 
 FORMAT = "stack_counter template 1"
 _VOXEL = 0.001  # m
+_LEAST_VIEWS = 6
 _SPECK = 0.02  # of the largest piece: what is smaller is none
 _GAPS = range(8)  # cells within which fragments belong together
 _BEHIND = 0.0015  # m, that a surface must lie behind a place to prove it empty
@@ -109,8 +110,9 @@ def scan_template(views: list[View], pieces: int, config: ReconstructorConfig) -
         ScanError: no region, no surface, another number of pieces, or pieces too unlike.
     """
     views = [view for view in views if view.depth is not None]
-    if len(views) < config.min_views:
-        raise ScanError(f"{len(views)} views with depth; expected at least {config.min_views}")
+    if len(views) < _LEAST_VIEWS:
+        raise ScanError(f"{len(views)} views with depth; expected at least {_LEAST_VIEWS}, from "
+                        "all sides: what no view sees counts as part of the pieces")
     region = find_pieces(views, config)
     middle, size = (region.low + region.high) / 2, region.high - region.low
     stack = StackCounter(replace(
@@ -156,7 +158,7 @@ def template_of(volume: StackVolume, views: list[View], pieces: int) -> Template
     features = np.concatenate([
         all_looks.mean(axis=0), all_looks[smallest],
         [np.log(v.mean() / v.min()), np.log(v).std(), np.log(v.min()) / 3 + 5,
-         1 / np.sqrt(pieces)]])
+         1 / np.sqrt(pieces), 1 / len(views)]])
     return Template(v, features)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import pytest
 import trimesh
@@ -73,6 +74,14 @@ def test_implausible_counts_are_refused(tmp_path, capsys, catalogue, arguments, 
                           catalogue)
     assert code == 2 and what in error and "estimated; expected" in error
     assert load_parts(catalogue)["nut"].counted == ()
+
+
+def test_several_cycles_are_no_counted_bin(capsys, catalogue, monkeypatch):
+    root = Path(__file__).parents[1]
+    monkeypatch.chdir(root)  # the settings name the rig file from there
+    code, _, error = part(capsys, "calibrate", "nut", "bags/station", "--config",
+                          "config/station.yaml", "--count", "100", "--catalogue", catalogue)
+    assert code == 3 and "holds 5 cycles that give a volume; expected one" in error
 
 
 def test_another_rig_is_refused(tmp_path, capsys, catalogue):

@@ -77,7 +77,8 @@ def test_the_piles_correct_the_estimator_and_the_count_says_so(nut):
 
 
 def test_another_estimator_is_not_heard(nut):
-    assert estimate_part(scan(), nut, Says(0.3, "prior")).gamma == pytest.approx(0.6)
+    estimate = estimate_part(scan(), nut, Says(0.3, "prior"))
+    assert estimate.gamma == pytest.approx(0.6) and "estimator_unheard" in estimate.reasons
 
 
 def test_a_wrong_part_in_the_bin_is_a_reason(nut):
@@ -94,6 +95,11 @@ def test_fills_that_no_pile_had_are_a_reason(nut):
 @pytest.mark.parametrize("volume", [scan("none"), replace(scan(), top=None)])
 def test_without_depth_or_container_what_is_known_is_not_used(nut, volume):
     estimate = estimate_part(volume, nut, Says())
+    assert estimate.gamma == 0.5 and "part_unused" in estimate.reasons
+
+
+def test_another_v_than_the_catalogues_is_a_reason():
+    estimate = estimate_part(scan(), Part(V, "nut", overridden=True), Says())
     assert estimate.gamma == 0.5 and "part_unused" in estimate.reasons
 
 
@@ -171,6 +177,20 @@ def test_a_bin_of_another_rig_can_be_forced(nut):
     assert count_bin(both, 140, scan(height=0.02, focal=900.0)).drift != 0, "known by now"
 
 
+def test_which_side_is_x_is_chance(nut):
+    turned = scan(size=(SIZE[1], SIZE[0], SIZE[2]))
+    assert of_this_rig((history(0.7),), turned) == [history(0.7)]
+
+
+def test_more_than_the_stack_holds_is_refused(nut):
+    with pytest.raises(PartError, match="300 parts of 1 cm3 counted in a stack of 240 cm3"):
+        count_bin(nut, 300)
+    assert count_bin(nut, 300, force=True).scan.count == 300
+    empty = replace(scan(height=0.0001), stack_volume=0.0)
+    with pytest.raises(PartError, match="in a stack of 0 cm3"):
+        count_bin(nut, 1, empty, force=True)
+
+
 def test_one_recording_counts_once(nut):
     part = replace(nut, counted=(count_bin(nut, 150).scan,))
     with pytest.raises(PartError, match="bag is there already, of .*, 150 parts; expected an"):
@@ -182,6 +202,8 @@ def test_weights_give_counts():
     part = Part(2e-6, "nut", density=2700.0)
     assert pieces(part, 0.54, 0.0) == 100
     assert pieces(part, 0.5, 5.0) == 100
+    with pytest.raises(PartError, match="known to 5.0%, .* expected the weight of a piece"):
+        pieces(replace(part, unit_volume_std=1e-7), 0.54, 0.0)
     with pytest.raises(PartError, match="no density_g_cm3"):
         pieces(Part(2e-6, "nut"), 0.5, 0.0)
     with pytest.raises(PartError, match="above 0"):

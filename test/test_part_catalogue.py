@@ -40,11 +40,24 @@ def test_a_part_survives_the_file(tmp_path):
         remove_part("nut: #1", path)
 
 
+def test_what_could_not_be_read_again_is_not_written(tmp_path):
+    path = tmp_path / "parts.yaml"
+    save_part(Part(1e-6, "good"), path)
+    with pytest.raises(ConfigError, match="friction"):
+        save_part(Part(1e-6, "bad", friction=(0.2, 3.0)), path)
+    assert set(load_parts(path)) == {"good"}
+
+
 @pytest.mark.parametrize("text, what", [
     ("parts: {a: {unit_volume_cm3: 1, colour: red}}", "key 'colour'"),
     ("parts: {a: {mesh: x.stl}}", "no unit_volume_cm3"),
     ("parts: {a: {unit_volume_cm3: -1}}", "-1"),
-    ("parts: {a: {unit_volume_cm3: many}}", "many"),
+    ("parts: {a: {unit_volume_cm3: many}}", "'a': unit_volume_cm3 'many'"),
+    ("parts: {a: {unit_volume_cm3: true}}", "'a': unit_volume_cm3 True"),
+    ("parts: {a: {unit_volume_cm3: 1, friction: [a, 1]}}", "'a': friction 'a'"),
+    ("parts: {a: {unit_volume_cm3: 1, friction: [0.2, 3]}}", "'a': friction [0.2, 3]"),
+    ("parts: {a: {unit_volume_cm3: 1, counted: 5}}", "'a': counted 5"),
+    ("parts: {1: {unit_volume_cm3: 1}, '1': {unit_volume_cm3: 2}}", "two entries '1'"),
     ("parts: {a: {unit_volume_cm3: 1}, a: {unit_volume_cm3: 2}}", "two entries 'a'"),
     ("parts: {a: {unit_volume_cm3: 1, unit_volume_cm3: 2}}", "two entries"),
     ("parts: {a: {unit_volume_cm3: 1, friction: [0.7, 0.2]}}", "friction"),
@@ -74,7 +87,7 @@ def test_names_and_volumes_resolve(tmp_path):
     save_part(Part(2e-6, "nut", counted=(COUNTED,)), path)
     assert resolve_part("nut", 0.0, str(path)).counted == (COUNTED,)
     assert resolve_part("nut", 2e-6, str(path)).counted == (COUNTED,)
-    assert resolve_part("nut", 3e-6, str(path)) == Part(3e-6, "nut"), "v given overrides"
+    assert resolve_part("nut", 3e-6, str(path)) == Part(3e-6, "nut", overridden=True)
     assert resolve_part("bolt", 3e-6, str(path)) == Part(3e-6, "bolt")
     assert resolve_part("", 3e-6) == Part(3e-6)
     with pytest.raises(PartError, match=r"unknown part 'bolt'; expected one of \['nut'\]"):

@@ -60,7 +60,7 @@ def test_round_parts_are_told():
 
 def test_views_without_depth_are_too_few():
     views = [v for v in record(spread(BRACKET, 2, 1), 3, 0, color=False)]
-    with pytest.raises(ScanError, match="2 views with depth; expected at least 3"):
+    with pytest.raises(ScanError, match="2 views with depth; expected at least 6"):
         scan_template(views[:2], 2, ReconstructorConfig())
 
 

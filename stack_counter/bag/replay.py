@@ -59,9 +59,7 @@ def check_prompts(path: Path, config: Config) -> None:
         PromptError: the prompts do not fit.
     """
     ScanLabels(config.reconstructor)  # or say why not
-    reader = BagReader(path)
-    assembler = RigAssembler(fit_rig(rig_of(config.collector), reader.topics), live=False)
-    for _, first in read_views(reader, assembler):
+    for _, first in read_views(*_assembled(path, config.collector)):
         read_prompts(config.reconstructor.prompts).check(first.intrinsics.width,
                                                          first.intrinsics.height)
         return
@@ -135,11 +133,20 @@ def bag_volume(path: Path, config: Config, unit_volume: float, on_view: Callable
 
     Raises:
         BagError, ConfigError, WeightsError: see there.
-        ScanError: the bag gives no volume.
+        ScanError: the bag gives no volume; in cycle mode: more than one.
     """
     stack = StackCounter(config.reconstructor)
-    stack.reset(unit_volume)
-    return _volume(stack, path, config.collector, 0.0, on_view)[0]
+    if config.collector.mode == "cycle":
+        reader, assembler = _assembled(path, config.collector)
+        volumes = [scan for scan in _cycles(reader, assembler, stack, unit_volume, on_view)
+                   if isinstance(scan, StackVolume)]
+        if len(volumes) != 1:
+            raise ScanError(f"{path} holds {len(volumes)} cycles that give a volume; expected one")
+        volume, truncated = volumes[0], reader.truncated
+    else:
+        stack.reset(unit_volume)
+        volume, truncated = _volume(stack, path, config.collector, 0.0, on_view)
+    return replace(volume, reasons=(*volume.reasons, "bag_truncated")) if truncated else volume
 
 
 def bag_views(path: Path, config: Config) -> list[View]:
@@ -149,8 +156,7 @@ def bag_views(path: Path, config: Config) -> list[View]:
         BagError, ConfigError: see there.
         ScanError: there is none.
     """
-    reader = BagReader(path)
-    assembler = RigAssembler(fit_rig(rig_of(config.collector), reader.topics), live=False)
+    reader, assembler = _assembled(path, config.collector)
     views = [view for _, view in read_views(reader, assembler)]
     if not views:
         raise no_count("0 views; expected some", assembler.tally, assembler.last_errors)
@@ -161,8 +167,7 @@ def _volume(stack: StackCounter, path: Path, collector: CollectorConfig, rate: f
             after_view: Callable[[], None]) -> tuple[StackVolume, bool]:
     """V of all the views of a bag with their tally, and whether the bag is cut short."""
     begin = time.perf_counter()
-    reader = BagReader(path)
-    assembler = RigAssembler(fit_rig(rig_of(collector), reader.topics), live=False)
+    reader, assembler = _assembled(path, collector)
     first_ns, overrun = None, reader.overrun
     for _, view in read_views(reader, assembler):
         first_ns = view.stamp_ns if first_ns is None else first_ns
@@ -187,23 +192,11 @@ def _volume(stack: StackCounter, path: Path, collector: CollectorConfig, rate: f
 def _replay_cycles(path: Path, config: Config, stack: StackCounter, part: Part,
                    estimator: OccupancyEstimator, on_view: Callable[[], None]) -> Replayed:
     """Counts each cycle of a rig's cameras; the last count is the result's."""
-    reader = BagReader(path)
-    rig = fit_rig(rig_of(config.collector), reader.topics)
-    assembler = RigAssembler(rig, live=False)
-    former = CycleFormer([c.name for c in rig.cameras], rig.tolerance_s, rig.timeout_s,
-                         live=False)
+    reader, assembler = _assembled(path, config.collector)
     last, counts, errors = None, [], []
-    for cycle in formed(read_views(reader, assembler), former):
-        stack.reset(part.unit_volume)
-        for name in former.cameras:
-            with suppress(ViewError):  # counted in the tally
-                if name in cycle.views:
-                    stack.add_view(cycle.views[name])
-                    on_view()
-        try:
-            volume = stack.volume().without(former.missing(cycle))
-        except ScanError as error:
-            errors.append(f"cycle at {cycle.stamp_ns} ns: {error}")
+    for volume in _cycles(reader, assembler, stack, part.unit_volume, on_view):
+        if isinstance(volume, str):
+            errors.append(volume)
             continue
         last = count_stack(volume, part, estimator, config.counter.confidence)
         counts.append(count_entry(last))
@@ -212,6 +205,31 @@ def _replay_cycles(path: Path, config: Config, stack: StackCounter, part: Part,
                        assembler.tally, assembler.last_errors)
     return Replayed(flagged(last, *(["bag_truncated"] if reader.truncated else [])), counts,
                     tuple(errors))
+
+
+def _assembled(path: Path, collector: CollectorConfig) -> tuple[BagReader, RigAssembler]:
+    """A bag, and what makes views of its messages."""
+    reader = BagReader(path)
+    return reader, RigAssembler(fit_rig(rig_of(collector), reader.topics), live=False)
+
+
+def _cycles(reader: BagReader, assembler: RigAssembler, stack: StackCounter, unit_volume: float,
+            on_view: Callable[[], None]) -> Iterator[StackVolume | str]:
+    """V of each cycle of a rig's cameras, or why there is none."""
+    rig = assembler.rig
+    former = CycleFormer([c.name for c in rig.cameras], rig.tolerance_s, rig.timeout_s,
+                         live=False)
+    for cycle in formed(read_views(reader, assembler), former):
+        stack.reset(unit_volume)
+        for name in former.cameras:
+            with suppress(ViewError):  # counted in the tally
+                if name in cycle.views:
+                    stack.add_view(cycle.views[name])
+                    on_view()
+        try:
+            yield stack.volume().without(former.missing(cycle))
+        except ScanError as error:
+            yield f"cycle at {cycle.stamp_ns} ns: {error}"
 
 
 def formed(views: Iterable[tuple[str, View]], former: CycleFormer) -> Iterator[Cycle]:

@@ -131,7 +131,8 @@ def _models(rig: Rig, options: argparse.Namespace) -> PartModels:
     """What `part add` learns, from piles kept in the cache."""
     shape = rig.scenes[0].shape
     order = make_order(shape.vertices, shape.faces, Config())
-    path = options.cache / f"{rig.family}-{rig.seed}-{options.piles}.json"
+    heard = make_estimator(order.estimator).name.replace(" ", "-")
+    path = options.cache / f"{rig.family}-{rig.seed}-{options.piles}-{heard}.json"
     if not path.exists():
         piles = simulate_part(order, options.piles, options.workers, lambda: None)
         path.write_text(json.dumps([asdict(pile) for pile in piles]) + "\n")

@@ -20,7 +20,7 @@ from stack_counter.eval import metrics
 from stack_counter.sim import Shape, load_shapes, record, spread
 from stack_counter.template import scan_template, shipped
 
-_SEED, _VIEWS = 0, 12
+_SEED = 0
 _LARGE_M = 0.03  # part size from which v is claimed
 _Z = 1.645  # standard deviations of a 90% interval
 _CLAIMED = 0.08
@@ -42,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--library", type=Path, default=Path("data/unseen/shapes.npz"),
                         metavar="FILE", help="parts (default: the unseen ones)")
     parser.add_argument("--pieces", type=int, default=6, metavar="K")
+    parser.add_argument("--views", type=int, default=12, metavar="N")
     parser.add_argument("--workers", type=int, default=1, metavar="W")
 
 
@@ -49,15 +50,16 @@ def run(options: argparse.Namespace) -> int:
     """Prints the figures."""
     shapes = load_shapes(options.library)
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        results = list(tqdm(pool.map(measure, shapes, [options.pieces] * len(shapes)),
+        results = list(tqdm(pool.map(measure, shapes, [options.pieces] * len(shapes),
+                                     [options.views] * len(shapes)),
                             total=len(shapes), unit=" parts"))
-    print(table(results, options.pieces))
+    print(table(results, f"{options.pieces} pieces and {options.views} views each"))
     return 0
 
 
-def measure(shape: Shape, pieces: int) -> Result:
+def measure(shape: Shape, pieces: int, count: int) -> Result:
     """One template scan."""
-    views = record(spread(shape, pieces, _SEED, shape.seed), _VIEWS, _SEED, color=False)
+    views = record(spread(shape, pieces, _SEED, shape.seed), count, _SEED, color=False)
     try:
         template = scan_template(views, pieces, ReconstructorConfig())
     except StackCounterError as error:
@@ -68,9 +70,9 @@ def measure(shape: Shape, pieces: int) -> Result:
                   std / v)
 
 
-def table(results: list[Result], pieces: int) -> str:
+def table(results: list[Result], scans: str) -> str:
     """Errors by size and by whether all pieces look alike."""
-    lines = [f"{len(results)} parts, {pieces} pieces each, "
+    lines = [f"{len(results)} parts, {scans}, "
              f"{sum(r.error is None for r in results)} refused",
              f"{'':32}{'n':>4}{'mean':>8}{'median':>8}{'bias':>8}{'within 8%':>11}{'coverage':>20}"
              f"{'std':>7}"]

@@ -221,7 +221,7 @@ class Collector(ManagedNode[CollectorConfig]):
 
     def _close_cycle(self, cycle: Cycle) -> None:
         """A cycle is a scan of its own, with all its views there."""
-        scan = Scan(f"cycle_{cycle.stamp_ns}", *self._asked)
+        scan = Scan(f"cycle_{cycle.stamp_ns}", *self._part_now())
         for camera in self._former.cameras:
             if camera in cycle.views:
                 scan.add(camera, cycle.views[camera])
@@ -230,7 +230,7 @@ class Collector(ManagedNode[CollectorConfig]):
             self.get_logger().error(f"scan '{dropped.scan_id}' given up: {len(self._outbox)} "
                                     "scans wait; expected a faster reconstructor or longer cycles")
         self._close(scan)
-        self._recording.start(Scan("cycle", *self._asked))  # what comes is of the next one
+        self._recording.start(Scan("cycle", scan.part, scan.unit_volume))  # of the next one
 
     def _send(self) -> None:
         while self._heard and (due := self._outbox.due()) is not None:
@@ -270,10 +270,10 @@ class Collector(ManagedNode[CollectorConfig]):
         self._counted, self._late = ViewTally(), Counter()
         self._scan, self._open = None, True
         if self._config.mode != "cycle":
-            self._scan = Scan(scan_id or uuid.uuid4().hex[:8], *self._asked,
+            self._scan = Scan(scan_id or uuid.uuid4().hex[:8], *self._part_now(),
                               newest_only=self._config.mode == "continuous")
             self._outbox.open(self._scan)
-        self._recording.start(self._scan or Scan("cycle", *self._asked))
+        self._recording.start(self._scan or Scan("cycle", *self._part_now()))
         self._report(ScanStatus.SCANNING)
 
     def _close(self, scan: Scan) -> None:
@@ -297,6 +297,15 @@ class Collector(ManagedNode[CollectorConfig]):
             return part, 0.0
         return part, resolve_part(part, unit_volume, self._config.part_catalogue).unit_volume
 
+    def _part_now(self) -> tuple[str, float]:
+        """What was asked for, by the catalogue as it is now; as it was asked if that fails, for
+        the counter to say why."""
+        try:
+            return self._known_part(*self._asked)
+        except (PartError, ConfigError) as error:
+            self.get_logger().error(str(error))
+            return self._asked
+
     def _start_scan(self, request: StartScan.Request, response: StartScan.Response
                     ) -> StartScan.Response:
         mode = self._config.mode
@@ -308,7 +317,8 @@ class Collector(ManagedNode[CollectorConfig]):
             response.message = f"scan '{response.scan_id}' is open; expected none: stop it first"
             return response
         try:
-            self._asked = self._known_part(request.part, request.unit_volume)
+            self._known_part(request.part, request.unit_volume)
+            self._asked = request.part, request.unit_volume
         except (PartError, ConfigError) as error:
             response.message = str(error)
             return response

@@ -33,9 +33,9 @@ def make_order(vertices: np.ndarray, faces: np.ndarray, config: Config,
         shape = shape_from_mesh(vertices, faces, "part")
     except ShapeError as error:
         raise PartError(str(error)) from error
-    if tune and config.counter.estimator != "network":
-        raise PartError(f"the estimator is '{config.counter.estimator}'; expected 'network' to "
-                        "tune")
+    if tune and (config.counter.estimator != "network" or config.counter.encoder_weights):
+        raise PartError(f"the estimator is '{config.counter.estimator}' with encoder_weights "
+                        f"'{config.counter.encoder_weights}'; expected 'network' without, to tune")
     return Order(shape, rig_container(config.reconstructor), friction, config.counter, tune)
 
 
@@ -69,5 +69,6 @@ def models_of(order: Order, piles: list[Pile], estimator: str = "") -> PartModel
             f"{1000 * s:.0f}" for s in order.container.inner_size_m) + " mm"
     return PartModels(
         estimator or make_estimator(order.estimator).name,
-        fit_model([p.arc for p in piles if p.arc]), fit_model([p.above for p in piles if p.above]),
+        fit_model([p.arc for p in piles if p.arc]),
+        fit_model([p.above for p in piles if p.above], "one side"),
         f"{len(piles)} simulated piles, {where}, friction {low:g} to {high:g}")

@@ -92,7 +92,8 @@ def _read(path: Path) -> trimesh.Trimesh:
     if not np.isfinite(mesh.vertices).all():
         raise PartError(f"{path.name} has coordinates that are not finite; expected numbers")
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    mesh.update_faces(mesh.nondegenerate_faces())
+    corners = np.sort(mesh.faces, axis=1)  # slivers stay: they may close a seam
+    mesh.update_faces((corners[:, 1:] != corners[:, :-1]).all(axis=1))
     mesh.remove_unreferenced_vertices()
     return mesh
 

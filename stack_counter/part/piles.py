@@ -160,6 +160,7 @@ def rig_container(config: ReconstructorConfig) -> ContainerShape | None:
     taught = configured_container(config)
     if taught is None:
         kind, size = config.container_kind, config.container_inner_size_m
+        kind = "box" if kind == "auto" else kind
         if kind not in ("box", "round", "free") or not all(size):
             return None
         wall = config.container_wall_m or 0.003

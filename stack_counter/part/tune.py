@@ -15,8 +15,8 @@ _PENALTIES = np.logspace(-3, 2, 11)  # of the ridge, in mean squares of what is 
 @dataclass(frozen=True)
 class Tuning:
     """Changes of the last layers, the piles as the changed network sees them (each by one that
-    has not seen it), and the mean squared errors of log gamma on piles left out: joined as they
-    were, and joined after tuning."""
+    has not seen it), and the mean squared errors of log gamma on piles left out, scans from around
+    and from one side alike: joined as they were, and joined after tuning."""
 
     weight: np.ndarray
     bias: float
@@ -45,9 +45,15 @@ def tune(piles: list[Pile]) -> Tuning:
     members = usable[0].arc.hidden.shape if usable[0].arc is not None and \
         usable[0].arc.hidden is not None else (1, -1)
     # The network says the mean of its members: each one changes by the whole.
-    return Tuning(weight.reshape(members) * members[0], bias, changed,
-                  left_out_error([p.arc for p in usable if p.arc]),
-                  left_out_error([p.arc for p in changed if p.arc]))
+    return Tuning(weight.reshape(members) * members[0], bias, changed, _error(usable),
+                  _error(changed))
+
+
+def _error(piles: list[Pile]) -> float:
+    """Mean squared error over both kinds of scans, of those that there are."""
+    kinds = (("around", [p.arc for p in piles if p.arc]),
+             ("one side", [p.above for p in piles if p.above]))
+    return float(np.mean([left_out_error(seen, kind) for kind, seen in kinds if seen]))
 
 
 def _read(seen: Seen | None) -> np.ndarray:

@@ -19,11 +19,13 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from scipy.optimize import minimize
 
 from stack_counter.gamma_input import PIXELS_PER_LENGTH
 from stack_counter.gamma_net import load_members
 from stack_counter.network import Known
 from stack_counter.part_model import FEATURES, GammaModel, PartModels, Reading, features
+from stack_counter.sim import SCENES_PER_RIG
 from stack_counter.train.batches import fold_of
 from stack_counter.train.calibrate import Residual, center_of, residuals
 from stack_counter.train.fused import read_scans
@@ -39,31 +41,52 @@ def rigs_of(of: list[Residual], center: float) -> Rigs:
     """Scans by rig: of the same run, container and part."""
     rigs = defaultdict(list)
     for r in of:
-        s = r.scan.sample
-        seed, index = s.name.split(":")
         if r.scan.found:
-            area = np.count_nonzero(s.maps.valid) / PIXELS_PER_LENGTH**2
-            true = np.log(s.gamma * r.scan.true_volume / r.scan.volume)
-            rigs[seed, int(index) // 9, s.length_m].append((Reading(
-                r.scan.volume / s.length_m**3 / area, np.sqrt(area),
-                np.log(r.gamma) + center, true), r.scan.volume_std / r.scan.volume))
+            true = np.log(r.scan.sample.gamma * r.scan.true_volume / r.scan.volume)
+            rigs[_rig(r)].append((Reading(*_size(r), np.log(r.gamma) + center, true),
+                                  r.scan.volume_std / r.scan.volume))
     return [rig for rig in rigs.values() if len(rig) >= _LEAST]
 
 
-def volume_errors(of: list[Residual]) -> tuple[float, float]:
-    """Standard deviation of log V's error between rigs, and within them, of scans less than 15%
-    off: what is farther off has missed its container."""
+def _rig(of: Residual) -> tuple[str, int, float]:
+    sample = of.scan.sample
+    seed, index = sample.name.split(":")
+    return seed, int(index) // SCENES_PER_RIG, sample.length_m
+
+
+def _size(of: Residual) -> tuple[float, float]:
+    """Height and width as `Reading` says."""
+    sample = of.scan.sample
+    area = np.count_nonzero(sample.maps.valid) / PIXELS_PER_LENGTH**2
+    return of.scan.volume / sample.length_m**3 / area, float(np.sqrt(area))
+
+
+def volume_errors(of: list[Residual]) -> tuple[np.ndarray, float]:
+    """Log V's error: covariance (2, 2) between rigs of the coefficients of 1 and 1 / (h + 1/2),
+    and standard deviation within them, by maximum likelihood; of scans less than 15% off: what is
+    farther off has missed its container."""
     rigs = defaultdict(list)
     for r in of:
         error = np.log(r.scan.volume / r.scan.true_volume)
         if r.scan.found and abs(error) < 0.15:
-            seed, index = r.scan.sample.name.split(":")
-            rigs[seed, int(index) // 9].append(error)
-    groups = [np.array(errors) for errors in rigs.values() if len(errors) >= _LEAST]
-    free = sum(map(len, groups)) - len(groups)
-    within = sum(((g - g.mean())**2).sum() for g in groups) / free
-    between = np.var([g.mean() for g in groups]) - within * np.mean([1 / len(g) for g in groups])
-    return float(np.sqrt(max(between, 0.0))), float(np.sqrt(within))
+            rigs[_rig(r)].append((error, *_size(r)))
+    groups = [np.array(rig) for rig in rigs.values() if len(rig) >= _LEAST]
+    seen = [(g[:, 0], features(g[:, 1], g[:, 2])[:, :_SHARED]) for g in groups]
+
+    def root(p: np.ndarray) -> np.ndarray:
+        return np.array([[p[0], 0.0], [p[1], p[2]]])
+
+    def loss(p: np.ndarray) -> float:
+        out = 0.0
+        for error, x in seen:
+            covariance = x @ root(p) @ root(p).T @ x.T + p[3]**2 * np.eye(len(x))
+            left = error - x @ p[4:]
+            out += np.linalg.slogdet(covariance)[1] + left @ np.linalg.solve(covariance, left)
+        return float(out)
+
+    p = minimize(loss, [0.02, 0.0, 0.02, 0.02, 0.0, 0.0], method="Nelder-Mead",
+                 options={"maxiter": 8000, "maxfev": 8000}).x
+    return root(p) @ root(p).T, abs(float(p[3]))
 
 
 class Mixed(torch.nn.Module):
@@ -167,7 +190,7 @@ def main() -> int:
         models.append(model_of(rigs_of(of, center), title))
         between, within = volume_errors(of)
         print(f"center {center:+.3f}, here {center_of(of):+.3f}; log V's error between rigs "
-              f"{between:.3f}, within {within:.3f}")
+              f"{np.round(between, 5).tolist()}, standard deviation within {within:.3f}")
     PartModels(f"network {facts['version']}", *models,
                made="simulated rigs of training parts").write(options.out)
     return 0

@@ -31,7 +31,7 @@ from stack_counter.template import (
 )
 
 _SEED = 77
-_VIEWS = 12
+_VIEWS = (6, 18)
 _PIECES = (1, 10)
 _FOLDS = 6
 _PENALTIES = np.logspace(-1, 3, 9)
@@ -52,7 +52,8 @@ def make_example(index: int) -> Example | None:
     try:
         shape = make_shape(int(random.integers(2**31)))
         pieces = int(random.integers(_PIECES[0], _PIECES[1] + 1))
-        views = record(spread(shape, pieces, _SEED, index), _VIEWS, _SEED, color=False)
+        count = int(random.integers(_VIEWS[0], _VIEWS[1] + 1))
+        views = record(spread(shape, pieces, _SEED, index), count, _SEED, color=False)
         return Example(shape.family, shape.unit_volume,
                        scan_template(views, pieces, ReconstructorConfig()))
     except StackCounterError as error:
@@ -88,7 +89,8 @@ def spread_of(examples: list[Example], misses: np.ndarray) -> np.ndarray:
     """(3,) `TemplateModel.std` of most likelihood, for errors of families left out."""
     def loss(log_std: np.ndarray) -> float:
         std = np.array([relative_std(np.exp(log_std), len(e.template.carved),
-                                     e.template.carved.min()) for e in examples])
+                                     e.unit_volume * np.exp(miss))
+                        for e, miss in zip(examples, misses)])
         # Laplace, whose scale is the standard deviation over the root of 2: tails are long.
         return float(np.sum(np.log(std) + np.sqrt(2) * np.abs(misses) / std))
 
@@ -119,8 +121,9 @@ def main() -> int:
                              for key in ("mean", "scale", "weights")},
         "std": np.round(std, 5).tolist()}) + "\n")
     many = np.array([len(e.template.carved) >= 5 for e in examples])
-    inside = np.array([abs(m) < 1.645 * relative_std(std, len(e.template.carved), e.unit_volume)
-                       for m, e in zip(misses, examples)])
+    stds = [relative_std(std, len(e.template.carved), e.unit_volume * np.exp(m))
+            for m, e in zip(misses, examples)]
+    inside = np.abs(misses) < 1.645 * np.array(stds)
     print(f"{len(examples)} scans, penalty {penalty:g}: mean error {np.abs(misses).mean():.3f}, "
           f"of 5 pieces or more {np.abs(misses[many]).mean():.3f} (median "
           f"{np.median(np.abs(misses[many])):.3f}); within 1.645 std {inside.mean():.2f}; std "

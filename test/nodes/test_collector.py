@@ -5,6 +5,7 @@ from rclpy.qos import QoSProfile
 from stack_counter_msgs.msg import PosedImage, ScanStatus
 from stack_counter_msgs.srv import StartScan, StopScan
 
+from stack_counter.part_catalogue import Part, save_part
 from stack_counter.types import Intrinsics
 
 SPACE = "/stack_counter"
@@ -58,3 +59,19 @@ def test_no_image_is_lost_at_1280x720(ros):
     ros.wait(lambda: len(images) == 200, "200 posed images")
     assert images == list(range(1, 201))
     assert ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request()).published == 200
+
+
+def test_a_configured_part_has_the_v_of_the_catalogue(ros, tmp_path):
+    catalogue = tmp_path / "parts.yaml"
+    save_part(Part(2e-6, "nut"), catalogue)
+    ros.start("collector", depth_topic="''", mode="continuous", part="nut",
+              part_catalogue=catalogue)
+    images = ros.listen(PosedImage, f"{SPACE}/posed_images")
+    greet = ros.node.create_publisher(ScanStatus, f"{SPACE}/scan_status", QoSProfile(depth=10))
+    ros.matched(greet)
+    ros.wait(lambda: ros.node.count_publishers(f"{SPACE}/posed_images"), "the collector's topic")
+    publish = Camera(ros)
+    greet.publish(ScanStatus(node="reconstructor"))
+    publish(0)
+    ros.wait(lambda: images, "an image")
+    assert (images[0].part, images[0].unit_volume) == ("nut", 2e-6)

@@ -25,14 +25,13 @@ def piles(count, seed=0, far=0):
 def test_the_coefficients_the_noise_and_the_friction_come_out():
     model = fit_model(piles(400))
     assert model.coefficients[0] == pytest.approx([-0.6, 0.3, -1.0], abs=0.08)
-    of_the_rig = 0.5 * 0.02**2  # of V's error
-    assert np.sqrt(np.diag(model.noise)) == pytest.approx(
-        [np.sqrt(0.03**2 - of_the_rig), 0.05], rel=0.1)
+    # Half of what is left is taken to be the rig's own: its container, and V's error by it.
+    assert np.sqrt(np.diag(model.noise)) == pytest.approx([0.03 / np.sqrt(2), 0.05], rel=0.1)
     assert model.friction == pytest.approx([-0.2, -0.2], abs=0.03)
     assert model.volume_variance == pytest.approx(0.02**2) and model.source == "piles"
     gamma, std = model.gamma_at(3.0, 6.0)
     assert gamma == pytest.approx(np.exp(-0.6 + 0.3 / 3.5 - 1 / 6), rel=0.01)
-    # What scans of a rig share: friction, which nobody has told, and part of V's error.
+    # Over all rigs it is as uncertain as the piles and their friction make it.
     assert std / gamma == pytest.approx(np.hypot(0.03, 0.2 * 0.5 / np.sqrt(12)), rel=0.1)
 
 

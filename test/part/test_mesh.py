@@ -25,6 +25,18 @@ def test_a_solid_in_millimetres(tmp_path, name):
     assert np.abs(part.vertices.mean(axis=0)).max() < 1e-9
 
 
+def test_a_sliver_may_close_a_seam(tmp_path):
+    """One long edge of the box meets two short ones: a triangle of no height lies between."""
+    mesh = trimesh.creation.box((20, 30, 40))
+    a, b = mesh.faces[0][:2]
+    middle = len(mesh.vertices)
+    vertices = np.vstack([mesh.vertices, (mesh.vertices[a] + mesh.vertices[b]) / 2])
+    c = mesh.faces[0][2]
+    faces = np.vstack([mesh.faces[1:], [[a, middle, c], [middle, b, c], [a, b, middle]]])
+    part = load_part_mesh(written(tmp_path, trimesh.Trimesh(vertices, faces, process=False)))
+    assert part.unit_volume == pytest.approx(24e-6)
+
+
 def test_other_units(tmp_path):
     small = trimesh.creation.box((0.02, 0.03, 0.04))
     assert load_part_mesh(written(tmp_path, small), "m").unit_volume == pytest.approx(24e-6)
