@@ -70,8 +70,10 @@ def test_a_configured_part_has_the_v_of_the_catalogue(ros, tmp_path):
     greet = ros.node.create_publisher(ScanStatus, f"{SPACE}/scan_status", QoSProfile(depth=10))
     ros.matched(greet)
     ros.wait(lambda: ros.node.count_publishers(f"{SPACE}/posed_images"), "the collector's topic")
-    publish = Camera(ros)
+    publish = Camera(ros, heard=False)  # which would start a scan of no part
+    for publisher in (publish.color, publish.info, publish.tf):
+        ros.matched(publisher)
     greet.publish(ScanStatus(node="reconstructor"))
-    publish(0)
-    ros.wait(lambda: images, "an image")
+    number = iter(range(1000))
+    ros.wait(lambda: images or publish(next(number)), "an image")
     assert (images[0].part, images[0].unit_volume) == ("nut", 2e-6)
