@@ -3,8 +3,9 @@
     stack-counter evaluate parts --set unseen-rigs --workers 2
 
 Each rig of the set is one part in one container with one friction, which nothing is told of. Its
-CAD row is `part add` with all defaults. Every scan is counted by each of the others of its rig in
-turn; the errors of those are averaged.
+CAD row is `part add` with all defaults or, with `--container`, with the rig's container in the
+settings. Every scan is counted by each of the others of its rig in turn; the errors of those are
+averaged.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from stack_counter.config import Config, CounterConfig
+from stack_counter.config import Config, CounterConfig, ReconstructorConfig
 from stack_counter.counted_bin import counted_scan
 from stack_counter.errors import StackCounterError
 from stack_counter.eval import metrics
@@ -30,7 +31,7 @@ from stack_counter.part import Pile, Seen, make_order, models_of, simulate_part
 from stack_counter.part_catalogue import Part
 from stack_counter.part_model import PartModels, Reading
 from stack_counter.pipeline import count_stack
-from stack_counter.sim import SCENES_PER_RIG, Scene, read_scenes
+from stack_counter.sim import FOUND_AS, SCENES_PER_RIG, Scene, read_scenes
 from stack_counter.train import reconstruct
 from stack_counter.types import OccupancyEstimate, StackVolume
 
@@ -72,6 +73,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="unseen-rigs or a folder of scenes of `simulate --plan rig`")
     parser.add_argument("--rigs", type=int, metavar="N", help="only the first N")
     parser.add_argument("--piles", type=int, default=64, metavar="N", help="of `part add`")
+    parser.add_argument("--container", action="store_true",
+                        help="`part add` is told the kind and inner size of each rig's container")
     parser.add_argument("--confidence", type=float, default=0.9, metavar="P")
     parser.add_argument("--workers", type=int, default=1, metavar="W")
     parser.add_argument("--cache", type=Path, default=Path("out/part-piles"), metavar="DIR",
@@ -129,10 +132,13 @@ class Remembered:
 
 def _models(rig: Rig, options: argparse.Namespace) -> PartModels:
     """What `part add` learns, from piles kept in the cache."""
-    shape = rig.scenes[0].shape
-    order = make_order(shape.vertices, shape.faces, Config())
+    shape, container = rig.scenes[0].shape, rig.scenes[0].container
+    config = Config() if not options.container else Config(reconstructor=ReconstructorConfig(
+        container_kind=FOUND_AS[container.kind], container_inner_size_m=container.inner_size_m))
+    order = make_order(shape.vertices, shape.faces, config)
     heard = make_estimator(order.estimator).name.replace(" ", "-")
-    path = options.cache / f"{rig.family}-{rig.seed}-{options.piles}-{heard}.json"
+    rig_of = f"-rig{rig.number}" if options.container else ""
+    path = options.cache / f"{rig.family}-{rig.seed}-{options.piles}{rig_of}-{heard}.json"
     if not path.exists():
         piles = simulate_part(order, options.piles, options.workers, lambda: None)
         path.write_text(json.dumps([asdict(pile) for pile in piles]) + "\n")
