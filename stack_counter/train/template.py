@@ -1,6 +1,6 @@
 """Fits what `template.py` says of v from pieces on a table, on parts of the training families.
 
-    python -m stack_counter.train.template --scans 500 --workers 2 --kept out/template.npz \
+    python -m stack_counter.train.template --scans 600 --workers 2 --kept out/template.npz \
         --out stack_counter/weights/template.json
 """
 
@@ -100,7 +100,7 @@ def spread_of(examples: list[Example], misses: np.ndarray) -> np.ndarray:
 def main() -> int:
     """Makes the scans, fits, prints the errors on families left out, writes the file."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scans", type=int, default=500)
+    parser.add_argument("--scans", type=int, default=600)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--kept", type=Path, required=True, help="where the scans are kept")
     parser.add_argument("--out", type=Path, required=True)
