@@ -85,7 +85,6 @@ def _add_template(more: argparse._SubParsersAction) -> None:
                           help="recording of the pieces, apart from each other, nothing else "
                                "beside them; best in different rest poses")
     template.add_argument("--pieces", type=int, required=True, metavar="K", help="how many")
-    template.add_argument("--density", type=_above_0, metavar="G_CM3", help="as for add")
     template.add_argument("--force", action="store_true", help="as for add")
     template.set_defaults(run=_template)
 
@@ -217,8 +216,7 @@ def _template(options: argparse.Namespace) -> int:
     template = scan_template(bag_views(options.bag, config), options.pieces, config.reconstructor)
     v, std = shipped().unit_volume(template)
     kept = _kept_history(old, v, options.force)
-    density = options.density * 1e3 if options.density else old.density if old else 0.0
-    save_part(Part(v, options.name, std, density=density, counted=kept,
+    save_part(Part(v, options.name, std, density=old.density if old else 0.0, counted=kept,
                    note=f"{date.today()} from {options.pieces} pieces in "
                         f"{options.bag.resolve().name}"), path)
     if template.alike:
