@@ -133,6 +133,7 @@ def test_a_part_from_its_mesh(tmp_path, capsys):
     code, text, _ = part(capsys, "list", "--catalogue", tmp_path / "parts.yaml")
     assert "32 simulated piles" in text
     shutil.rmtree(tmp_path / "parts")
+    (tmp_path / "parts.yaml").touch()  # a process that has read both keeps them until then
     code, _, error = run(capsys, "replay", "x", "--part", "block", "--catalogue",
                          tmp_path / "parts.yaml")
     assert code == 2 and "no gamma prior" in error

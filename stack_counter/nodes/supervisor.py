@@ -86,6 +86,7 @@ class Supervisor(Node):
         self._parameters = parameters
         self.children = {name: Child(name) for name in NODES}
         self._open = ""  # the scan whose final count has not come
+        self._closed = ""  # the one before
         self._last_death, self._died_at = "", -_SAID_S
         self._count = self.create_publisher(StackCount, "count", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics",
@@ -100,14 +101,19 @@ class Supervisor(Node):
         self.create_timer(1.0, self._diagnose)
 
     def _on_status(self, message: ScanStatus) -> None:
-        if message.node == "collector" and message.state != ScanStatus.IDLE:
+        if message.state == ScanStatus.IDLE:
+            if message.node == "collector":
+                self._close()
+        elif message.node == "collector" or message.scan_id != self._closed:
+            # The collector says it once, perhaps too early; the reconstructor says it often.
             self._open = message.scan_id
-        elif message.node == "collector":
-            self._open = ""
 
     def _on_count(self, message: StackCount) -> None:
         if message.final and message.scan_id == self._open:
-            self._open = ""
+            self._close()
+
+    def _close(self) -> None:
+        self._closed, self._open = self._open or self._closed, ""
 
     def _watch(self) -> None:
         for child in self.children.values():
@@ -128,7 +134,7 @@ class Supervisor(Node):
             self._count.publish(StackCount(
                 header=Header(stamp=self.get_clock().now().to_msg()), scan_id=self._open,
                 final=True, status=StackCount.STATUS_ERROR, error=error))
-            self._open = ""
+            self._close()
         for client in self._resets:  # what the others hold of that scan is of no use
             if client.service_is_ready():
                 client.call_async(Trigger.Request())
