@@ -13,7 +13,7 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.config import CounterConfig, ReconstructorConfig
 from stack_counter.container_catalogue import configured_container
-from stack_counter.errors import PartError, StackCounterError
+from stack_counter.errors import PartError, ScanError, StackCounterError
 from stack_counter.network import Network
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.part_model import Reading, size_of
@@ -145,7 +145,13 @@ def _seen(scene: Scene, how: Callable[[Scene], StackVolume], estimator: Occupanc
 
 def read(volume: StackVolume, unit_volume: float, estimator: OccupancyEstimator, count: int
          ) -> Reading:
-    """A counted scan."""
+    """A counted scan.
+
+    Raises:
+        ScanError: it shows nothing.
+    """
+    if not volume.stack_volume > 0:
+        raise ScanError(f"V of {count} parts is {volume.stack_volume} m3; expected some")
     said = float(np.log(estimator.estimate(volume, unit_volume).gamma))
     return Reading(*size_of(volume, unit_volume), said,
                    float(np.log(count * unit_volume / volume.stack_volume)))

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from test_known_part import Says, scan
 
 from stack_counter.config import Config, CounterConfig, ReconstructorConfig
 from stack_counter.container_catalogue import TaughtContainer, save_container
+from stack_counter.errors import ScanError
 from stack_counter.part.add import make_order
-from stack_counter.part.piles import make_pile, rig_container, scaled
+from stack_counter.part.piles import make_pile, read, rig_container, scaled
 from stack_counter.wall_forms import BoxWall, FreeWall, RoundWall
 
 BLOCK = trimesh.creation.box((0.03, 0.02, 0.02))
@@ -36,6 +38,12 @@ def test_a_taught_container_is_the_one_simulated(tmp_path, form, kind, size):
     made = rig_container(ReconstructorConfig(container="mine", container_catalogue=str(path)))
     assert made.kind == kind and made.inner_size_m == pytest.approx(size, abs=2e-3)
     assert made.draft_rad == pytest.approx(np.arctan(0.1) if kind == "bin" else 0.0, abs=1e-3)
+
+
+def test_a_scan_that_shows_nothing_of_a_pile_is_none():
+    with pytest.raises(ScanError, match="V of 50 parts is 0.0 m3; expected some"):
+        read(replace(scan(), stack_volume=0.0), 1e-6, Says(), 50)
+    assert np.exp(read(scan(), 1e-6, Says(), 120).true) == pytest.approx(0.5)
 
 
 def test_a_pile_is_seen_from_around_and_from_above():
