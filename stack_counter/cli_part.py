@@ -21,6 +21,7 @@ from stack_counter.part_catalogue import (
     Part,
     load_parts,
     remove_part,
+    resolve_part,
     save_part,
 )
 from stack_counter.part_history import CountedScan
@@ -133,13 +134,6 @@ def _opened(options: argparse.Namespace) -> tuple[Config, Path]:
     given = options.catalogue or config.counter.part_catalogue
     path = Path(given) if given else config_path("parts.yaml")
     return replace(config, counter=replace(config.counter, part_catalogue=str(path))), path
-
-
-def _known(name: str, path: Path) -> Part:
-    parts = load_parts(path)
-    if name not in parts:
-        raise PartError(f"unknown part '{name}'; expected one of {sorted(parts)}")
-    return parts[name]
 
 
 def _add(options: argparse.Namespace) -> int:
@@ -257,7 +251,7 @@ def _gamma_lines(model: GammaModel) -> str:
 
 def _calibrate(options: argparse.Namespace) -> int:
     config, path = _opened(options)
-    part = _known(options.name, path)
+    part = resolve_part(options.name, 0.0, str(path))
     if options.undo:
         if not part.counted:
             raise PartError(f"part '{part.name}' has no counted bin; expected one to forget")

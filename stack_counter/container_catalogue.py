@@ -14,7 +14,7 @@ import yaml
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ConfigError, ScanError
-from stack_counter.resources import config_path
+from stack_counter.resources import config_path, write_whole
 from stack_counter.types import StackVolume
 from stack_counter.wall_forms import BoxWall, FreeWall, RoundWall, WallForm
 
@@ -135,8 +135,8 @@ def save_container(name: str, container: TaughtContainer, path: Path) -> None:
     """
     containers = load_containers(path) if path.exists() else {}
     containers[name] = container
-    path.write_text(_HEAD + "containers:\n"
-                    + "".join(_entry(name, containers[name]) for name in sorted(containers)))
+    write_whole(path, _HEAD + "containers:\n" + "".join(
+        _entry(name, containers[name]) for name in sorted(containers)))
 
 
 def as_line(name: str, container: TaughtContainer) -> str:

@@ -216,7 +216,7 @@ def save_tuning(path: Path, weight: np.ndarray, bias: float, of: str) -> None:
 
 def tuned_name(of: str, weight: np.ndarray, bias: float) -> str:
     """What a network is called with such changes: other piles, another name."""
-    return f"{of}, tuned {zlib.crc32(weight.astype(np.float32).tobytes(), int(1e6 * bias)):08x}"
+    return f"{of}, tuned {zlib.crc32(np.append(weight, bias).tobytes()):08x}"
 
 
 def read_tuning(path: Path) -> tuple[np.ndarray, float, str]:

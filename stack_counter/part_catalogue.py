@@ -15,7 +15,7 @@ from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError, PartError
 from stack_counter.part_history import CountedScan
 from stack_counter.part_model import PartModels, read_models
-from stack_counter.resources import config_path
+from stack_counter.resources import config_path, write_whole
 
 MOST_FRICTION = 2.0
 _HEAD = """\
@@ -93,8 +93,12 @@ def load_parts(path: Path | None = None) -> dict[str, Part]:
 @lru_cache(maxsize=8)
 def _parts(path: Path, version: tuple[int, ...]) -> dict[str, Part]:
     """Those of a version of the file: nodes ask for every volume."""
+    return _parsed(path.read_text(), path)
+
+
+def _parsed(text: str, path: Path) -> dict[str, Part]:
     try:
-        document = yaml.load(path.read_text(), _OnceLoader)
+        document = yaml.load(text, _OnceLoader)
         if not isinstance(document, dict) or set(document) != {"parts"}:
             raise ValueError(f"{document if not isinstance(document, dict) else sorted(document)}")
         return {str(name): _part(str(name), entry, path.parent)
@@ -160,10 +164,8 @@ def remove_part(name: str, path: Path) -> None:
 
 def _write(parts: dict[str, Part], path: Path) -> None:
     text = _HEAD + "parts:\n" + "".join(_entry(parts[name], path.parent) for name in sorted(parts))
-    half = path.with_suffix(".part")
-    half.write_text(text)
-    load_parts(half)  # or say what cannot be read again, before anything is lost
-    half.replace(path)
+    _parsed(text, path)  # or say what could not be read again, before anything is lost
+    write_whole(path, text)
 
 
 class _OnceLoader(yaml.SafeLoader):

@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from stack_counter.errors import PartError, ScanError
+from stack_counter.resources import write_whole
 from stack_counter.types import StackVolume
 
 FEATURES = 3
@@ -177,9 +178,7 @@ class PartModels:
         document = {"format": FORMAT, "estimator": self.estimator, "made": self.made,
                     **{name: _as_lists(getattr(self, name)) for name in _VIEWED}}
         path.parent.mkdir(parents=True, exist_ok=True)
-        half = path.with_suffix(".part")
-        half.write_text(json.dumps(document) + "\n")
-        half.replace(path)
+        write_whole(path, json.dumps(document) + "\n")
 
 
 _VIEWED = ("arc", "one_side")

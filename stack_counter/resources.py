@@ -1,4 +1,4 @@
-"""Where the shipped configuration files are, in a checkout and when installed."""
+"""Where the shipped configuration files are, and how such files are written."""
 
 from __future__ import annotations
 
@@ -24,3 +24,10 @@ def config_path(name: str) -> Path:
         if (folder / name).is_file():
             return folder / name
     raise ConfigError(f"no {name} in {[str(f) for f in folders]}; expected it in one of them")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Writes a file; whoever reads meanwhile finds the old text or the new. Raises OSError."""
+    half = path.with_suffix(".part")
+    half.write_text(text)
+    half.replace(path)

@@ -136,15 +136,16 @@ def _models(rig: Rig, options: argparse.Namespace) -> PartModels:
     config = Config() if not options.container else Config(reconstructor=ReconstructorConfig(
         container_kind=FOUND_AS[container.kind], container_inner_size_m=container.inner_size_m))
     order = make_order(shape.vertices, shape.faces, config)
-    heard = make_estimator(order.estimator).name.replace(" ", "-")
+    heard = make_estimator(order.estimator).name
     rig_of = f"-rig{rig.number}" if options.container else ""
-    path = options.cache / f"{rig.family}-{rig.seed}-{options.piles}{rig_of}-{heard}.json"
+    name = f"{rig.family}-{rig.seed}-{options.piles}{rig_of}-{heard}.json".replace(" ", "-")
+    path = options.cache / name
     if not path.exists():
         piles = simulate_part(order, options.piles, options.workers, lambda: None)
         path.write_text(json.dumps([asdict(pile) for pile in piles]) + "\n")
     kept = [Pile(*(None if seen is None else Seen(**{**seen, "reading": Reading(
         **seen["reading"])}) for seen in pile.values())) for pile in json.loads(path.read_text())]
-    return models_of(order, kept)
+    return models_of(order, kept, heard)
 
 
 def _volume(scene: Scene) -> StackVolume | None:

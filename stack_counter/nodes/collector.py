@@ -49,8 +49,7 @@ class Collector(ManagedNode[CollectorConfig]):
         """Subscribes to the cameras and offers the scan services."""
         self._config, self._rig = config, rig_of(config)
         self._asked: tuple[str, float] = (config.part, config.unit_volume_m3)
-        if any(self._asked):
-            self._known_part(*self._asked)
+        self._known_part(*self._asked)  # or say why not
         self._assembler = RigAssembler(self._rig)
         self._rates: dict[str, Rate] = {}
         self._tf = Rate()
