@@ -185,7 +185,7 @@ def _tuned_models(order: Order, piles: list[Pile], models: PartModels, path: Pat
 
     tuning = tune(piles)
     before, after = (100 * np.sqrt(x) for x in (tuning.joined, tuning.tuned))
-    if tuning.tuned >= tuning.joined:
+    if not tuning.better:
         print(f"tuning: error on piles left out {after:.1f}%, without it {before:.1f}%: not kept")
         return models, None
     save_tuning(path, tuning.weight, tuning.bias, models.estimator)

@@ -16,13 +16,14 @@ _PENALTIES = np.logspace(-3, 2, 11)  # of the ridge, in mean squares of what is 
 class Tuning:
     """Changes of the last layers, the piles as the changed network sees them (each by one that
     has not seen it), and the mean squared errors of log gamma on piles left out, scans from around
-    and from one side alike: joined as they were, and joined after tuning."""
+    and from one side alike: joined as they were, and joined after tuning; `better`: for both."""
 
     weight: np.ndarray
     bias: float
     piles: list[Pile]
     joined: float
     tuned: float
+    better: bool
 
 
 def tune(piles: list[Pile]) -> Tuning:
@@ -45,15 +46,16 @@ def tune(piles: list[Pile]) -> Tuning:
     members = usable[0].arc.hidden.shape if usable[0].arc is not None and \
         usable[0].arc.hidden is not None else (1, -1)
     # The network says the mean of its members: each one changes by the whole.
-    return Tuning(weight.reshape(members) * members[0], bias, changed, _error(usable),
-                  _error(changed))
+    before, after = _errors(usable), _errors(changed)
+    return Tuning(weight.reshape(members) * members[0], bias, changed, float(before.mean()),
+                  float(after.mean()), bool((after < before).all()))
 
 
-def _error(piles: list[Pile]) -> float:
-    """Mean squared error over both kinds of scans, of those that there are."""
+def _errors(piles: list[Pile]) -> np.ndarray:
+    """Mean squared error of each kind of scans that there are: from around, from one side."""
     kinds = (("around", [p.arc for p in piles if p.arc]),
              ("one side", [p.above for p in piles if p.above]))
-    return float(np.mean([left_out_error(seen, kind) for kind, seen in kinds if seen]))
+    return np.array([left_out_error(seen, kind) for kind, seen in kinds if seen])
 
 
 def _read(seen: Seen | None) -> np.ndarray:

@@ -26,7 +26,7 @@ def test_what_the_last_layers_show_is_learnt():
     assert tuning.weight.shape == (2, 12)
     assert tuning.weight[0, 0] / 2 == pytest.approx(0.1, abs=0.03), "members are averaged"
     assert tuning.weight[1, 3] / 2 == pytest.approx(-0.05, abs=0.03)
-    assert tuning.tuned < 0.5 * tuning.joined
+    assert tuning.tuned < 0.5 * tuning.joined and tuning.better
     shift = [a.arc.reading.said - a.arc.reading.true for a in tuning.piles]
     assert np.abs(shift).mean() < 0.02, "each pile by layers that have not seen it"
 
@@ -34,3 +34,9 @@ def test_what_the_last_layers_show_is_learnt():
 def test_what_they_do_not_show_is_not_claimed():
     tuning = tune(with_hidden(lambda random, z: random.normal(0, 0.1)))
     assert tuning.tuned > 0.9 * tuning.joined
+
+
+def test_what_one_kind_of_scans_loses_the_other_does_not_make_good():
+    around = with_hidden(lambda random, z: 0.1 * z[0, 0])
+    both = [Pile(p.arc, replace(p.arc, hidden=-p.arc.hidden)) for p in around]
+    assert not tune(both).better, "from one side the same layers mean the opposite"
