@@ -23,7 +23,7 @@ demo: setup
 
 lint: setup
 	$(IN_VENV) .venv/bin/ruff check .
-	$(IN_VENV) .venv/bin/mypy stack_counter/*.py stack_counter/segmentation
+	$(IN_VENV) .venv/bin/mypy stack_counter
 
 test: lint
 	$(IN_VENV) .venv/bin/python -m pytest

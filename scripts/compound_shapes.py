@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stack_counter.sim.compound import GENERATORS, solid
 from stack_counter.sim.shapes import SIZES_M, Shape, ShapeError, shape_from_mesh
+from stack_counter.sim.shapes.held_out.compound import GENERATORS, solid
 from stack_counter.sim.shapes.library import write_library
 
 _PARTS = 30  # of a family

@@ -3,9 +3,9 @@
     python scripts/join_unseen_shapes.py FOLDER
 
 FOLDER holds what catalogue_shapes.py and package_shapes.py wrote: SOURCE/FAMILY/VARIANT.stl. The
-hand-written solids come from stack_counter.sim.unseen. Bodies that touch are fused, dents and
-bumps below a few thousandths of the part size go, and what is then no single watertight body is
-refused: one line each.
+hand-written solids come from stack_counter.sim.shapes.held_out.unseen. Bodies that touch are
+fused, dents and bumps below a few thousandths of the part size go, and what is then no single
+watertight body is refused: one line each.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ import trimesh
 from manifold3d import Error, Manifold, Mesh, OpType
 
 from stack_counter.sim.shapes import FAMILIES, SIZES_M, Shape, ShapeError, shape_from_mesh
+from stack_counter.sim.shapes.held_out.unseen import GENERATORS, solid
 from stack_counter.sim.shapes.library import save_shapes
-from stack_counter.sim.unseen import GENERATORS, solid
 
 _OUT = Path(__file__).parent.parent / "data/unseen/shapes.npz"
 _CATALOGUE = "bd_warehouse"  # the source whose files have a real size, millimetres

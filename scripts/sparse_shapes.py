@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from stack_counter.sim.collision import convex_pieces
+from stack_counter.sim.physics.collision import convex_pieces
 from stack_counter.sim.shapes import SIZES_M, Shape, ShapeError, shape_from_mesh
+from stack_counter.sim.shapes.held_out.sparse import GENERATORS, solid
 from stack_counter.sim.shapes.library import write_library
-from stack_counter.sim.sparse import GENERATORS, solid
 
 _PARTS = 8  # of a family
 _TOO_FULL = 1.5  # volume of the convex pieces over that of the part: wires would be too thick

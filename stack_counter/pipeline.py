@@ -14,26 +14,33 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from stack_counter import geometry, hull
-from stack_counter.coloring import color_mesh
+from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
-from stack_counter.container import find_container, from_one_side
-from stack_counter.container_catalogue import configured_container
+from stack_counter.container.catalogue import configured_container
+from stack_counter.container.detection import find_container, from_one_side
+from stack_counter.container.placement import place_container
 from stack_counter.counting import make_count
+from stack_counter.display.mesh_colors import color_mesh
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.known_part import estimate_part
-from stack_counter.leveling import leveled
-from stack_counter.occupancy import OccupancyEstimator
-from stack_counter.part_catalogue import Part
-from stack_counter.pictures import DepthScan, depth_scan
-from stack_counter.placing import place_container
-from stack_counter.plausibility import check_agreement, cut_everywhere, other_container
-from stack_counter.region import Region, crop_to_region, find_region, grow, world_points
+from stack_counter.fusion.leveling import leveled
+from stack_counter.fusion.region import Region, crop_to_region, find_region, grow, world_points
+from stack_counter.fusion.tsdf import TopView, Tsdf
+from stack_counter.fusion.voxel_size import COARSEST, automatic_voxel_size
+from stack_counter.multiview import visual_hull
+from stack_counter.multiview.scan import DepthScan, depth_scan
+from stack_counter.occupancy.baselines import OccupancyEstimator
+from stack_counter.parts.catalogue import Part
+from stack_counter.parts.informed_gamma import estimate_part
+from stack_counter.reconstruction.plausibility import (
+    check_agreement,
+    cut_everywhere,
+    other_container,
+)
+from stack_counter.reconstruction.stack_volume import Measure, measure
 from stack_counter.segmentation import Segmenter
-from stack_counter.segmentation.geometric import Geometric
-from stack_counter.segmentation.given import GivenLabels, label_image
+from stack_counter.segmentation.from_container import Geometric
+from stack_counter.segmentation.labels import GivenLabels, label_image
 from stack_counter.segmentation.scan_labels import ScanLabels
-from stack_counter.tsdf import TopView, Tsdf
 from stack_counter.types import (
     BACKGROUND,
     PARTS,
@@ -45,8 +52,6 @@ from stack_counter.types import (
     View,
     ViewTally,
 )
-from stack_counter.volume import Measure, measure
-from stack_counter.voxel_size import COARSEST, automatic_voxel_size
 
 _FIRST_VIEWS = 3  # the region of interest is found from this many
 _MIN_SEEN = 1  # views that must have seen a surface
@@ -287,7 +292,7 @@ class StackCounter:
 
     def _from_hull(self) -> StackVolume:
         c = self._config
-        carved = hull.carve(self._views, c.voxel_size or COARSEST, c.hull_min_share,
+        carved = visual_hull.carve(self._views, c.voxel_size or COARSEST, c.hull_min_share,
                             votes=2 if c.live else 1)
         container = Container("hull", geometry.pose(np.eye(3), carved.middle))
         # An outline's error of one pixel moves the surface by about half a voxel.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from stack_counter.wall_forms import WallForm
+from stack_counter.container.wall_shapes import WallForm
 
 BACKGROUND, CONTAINER, PARTS = 0, 1, 2  # the values of a label image
 UNSEEN = 255  # pixels that a rectified label image has and the camera had not

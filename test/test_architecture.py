@@ -1,7 +1,8 @@
-"""Who may import what: the core knows no ROS, no bags and no simulator (CONTRIBUTING.md)."""
+"""Who may import what: one table, a ladder in which no circle can be written (CONTRIBUTING.md)."""
 
 import ast
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,47 +11,51 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "stack_counter"
 
-ROS = {"rclpy", "rosidl_runtime_py", "ament_index_python", "tf2_ros", "launch", "launch_ros"}
-BAGS = {"mcap", "mcap_ros2", "rosbags", "rosbag2_py"}
-ENGINES = {"sapien", "pybullet", "mujoco", "coacd", "manifold3d"}
-# Parts beside the core.
-OUTER = {"bag", "nodes", "sim", "train", "eval", "part", "cli", "cli_container", "cli_part",
-         "__main__"}
-
-# Part -> which other parts of the package (or modules of them) it may use besides the core, and
-# which of the libraries named above.
-PARTS = {
-    "core": (set(), set()),
-    "bag": (set(), BAGS),
-    "bag/player": ({"bag"}, BAGS | ROS | {"messages"}),
-    "nodes": ({"bag.recorder"}, ROS | {"messages"}),  # the collector records its scans
-    "sim": ({"bag"}, ENGINES),
-    "train": ({"bag", "sim"}, set()),
-    "part": ({"bag", "sim", "train"}, set()),
-    "eval": ({"bag", "sim", "train", "part"}, set()),
-    "cli": (OUTER, set()),
+# The ground: modules directly in the package. Each may import those before it.
+GROUND = ("errors", "types", "config", "geometry", "files", "pretrained", "counting")
+# Package -> which others it may import besides the ground; only what stands above it here.
+LAYERS = {
+    "views": (), "fusion": (), "display": (), "occupancy": (),
+    "container": ("fusion",),
+    "segmentation": ("fusion", "container"),
+    "multiview": ("segmentation",),
+    "reconstruction": ("fusion", "container", "segmentation", "multiview", "display"),
+    "parts": ("fusion", "occupancy", "reconstruction"),
+    "pipeline": ("container", "segmentation", "occupancy", "reconstruction", "parts"),
+    "bag": ("views", "segmentation", "occupancy", "parts", "pipeline"),
+    "ros": ("views", "display", "bag"),
+    "nodes": ("views", "display", "occupancy", "parts", "pipeline", "bag.recorder", "ros"),
+    "sim": ("occupancy", "pipeline", "bag"),
+    "teaching": ("container", "occupancy", "parts", "pipeline", "bag", "sim"),
+    "train": ("fusion", "container", "occupancy", "parts", "reconstruction", "pipeline", "sim"),
+    "eval": ("multiview", "occupancy", "parts", "reconstruction", "pipeline", "sim", "teaching"),
+    "cli": ("*",),
 }
-# Sim writes recordings and eval reads them, both through bag's public functions. Of sim and train
-# the others see what the package's `__init__` names, not its modules. Only the command line puts
-# parts together.
-CLOSED = {"sim", "train", "eval", "part"}
+FACES = {"sim", "teaching", "train"}  # of these the others import what their __init__ names
+# Libraries -> the packages that may import them.
+LIBRARIES = {
+    r"rclpy|rosidl_runtime_py|ament_index_python|tf2_ros|launch|launch_ros": "ros nodes",
+    r"\w+_msgs|\w+_srvs|\w+_interfaces": "ros nodes",
+    r"mcap|mcap_ros2|rosbags|rosbag2_py": "bag",
+    r"open3d": "fusion sim teaching eval",
+    r"torch": "occupancy container segmentation train",
+    r"sapien|coacd|manifold3d": "sim",
+    r"matplotlib": "sim train eval",
+}
+ROS_AND_BAGS = ("rclpy", "mcap", "rosbags", "sapien", "coacd", "manifold3d")
+MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
 
 
-def part_of(path: Path) -> str:
-    """Part of the package that a file, relative to the package, belongs to."""
-    name = path.with_suffix("").as_posix()
-    if name in ("cli", "cli_container", "cli_part", "__main__"):
-        return "cli"
-    if name in PARTS:
-        return name
-    folder = path.parts[0] if len(path.parts) > 1 else ""
-    return folder if folder in PARTS else "core"
+def home_of(path: Path) -> str:
+    """The entry of GROUND or LAYERS that a file, relative to the package, belongs to."""
+    name = path.parts[0].removesuffix(".py")
+    return "cli" if name == "__main__" else name
 
 
-def imported(tree: ast.AST, path: Path) -> set[str]:
+def imported_names(source: str, path: Path) -> set[str]:
     """Dotted names that a module imports, relative imports resolved, at any depth of the code."""
     names = set()
-    for node in ast.walk(tree):
+    for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -66,92 +71,111 @@ def imported(tree: ast.AST, path: Path) -> set[str]:
     return names
 
 
+def may_import(home: str, name: str) -> bool:
+    """Whether code of `home` may import `name`, a dotted name inside the package."""
+    target, _, rest = name.partition(".")
+    if target in (home, "__version__", ""):
+        return True
+    if target in GROUND:
+        return home not in GROUND or GROUND.index(target) < GROUND.index(home)
+    uses = LAYERS.get(home, ())
+    if "*" in uses:
+        return True
+    inner = PACKAGE / target / rest.split(".")[0]
+    if target in FACES and rest and (inner.is_dir() or inner.with_suffix(".py").exists()):
+        return False
+    return target in uses or any(name == use or name.startswith(f"{use}.") for use in uses)
+
+
 def violations(source: str, path: Path) -> list[str]:
-    """Imports of a module that its part of the package may not have."""
-    part = part_of(path)
-    parts, libraries = PARTS[part]
-    found = []
-    for name in sorted(imported(ast.parse(source), path)):
+    """Imports of a module that the table does not allow."""
+    home, found = home_of(path), []
+    for name in sorted(imported_names(source, path)):
         top, _, rest = name.partition(".")
         if top == "stack_counter":
-            inner, module = rest.split(".")[0], ".".join(rest.split(".")[:2])
-            if inner in OUTER and inner != part.split("/")[0] and not {inner, module} & parts:
+            if not may_import(home, rest):
                 found.append(name)
-            elif inner in CLOSED and inner != part and part != "cli" \
-                    and (PACKAGE / inner / f"{rest.split('.')[1]}.py").exists():
-                found.append(name)
-            if part == "bag" and rest.startswith("bag.player"):  # would bring rclpy in
-                found.append(name)
-        elif top.endswith(("_msgs", "_srvs", "_interfaces")):
-            if "messages" not in libraries:
-                found.append(name)
-        elif top in ROS | BAGS | ENGINES and top not in libraries:
-            found.append(name)
+        else:
+            found += [name for libraries, homes in LIBRARIES.items()
+                      if re.fullmatch(libraries, top) and home not in homes.split()]
     return found
 
 
-MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
+def test_the_table_is_a_ladder():
+    above = set()
+    for name, uses in LAYERS.items():
+        assert {use.split(".")[0] for use in uses} <= above | {"*"}
+        above.add(name)
+
+
+def test_the_table_names_every_file():
+    assert {home_of(path) for path in MODULES} == {*GROUND, *LAYERS, "__init__"}
 
 
 @pytest.mark.parametrize("path", MODULES, ids=str)
 def test_imports_are_allowed(path):
-    assert violations((PACKAGE / path).read_text(), path) == [], \
-        f"{path} belongs to '{part_of(path)}'"
+    assert violations((PACKAGE / path).read_text(), path) == [], f"in '{home_of(path)}'"
 
 
 @pytest.mark.parametrize("path, line", [
-    ("tsdf.py", "import rclpy"),
-    ("volume.py", "def f():\n    from sensor_msgs.msg import Image"),
+    ("types.py", "from stack_counter.geometry import pose"),
+    ("geometry.py", "from stack_counter.fusion.region import Region"),
+    ("fusion/tsdf.py", "import rclpy"),
+    ("fusion/tsdf.py", "from stack_counter.container import rim"),
+    ("fusion/tsdf.py", "import torch"),
+    ("container/rim.py", "import open3d as o3d"),
+    ("reconstruction/heap.py", "def f():\n    from sensor_msgs.msg import Image"),
     ("pipeline.py", "import mcap.reader"),
     ("pipeline.py", "from stack_counter.bag import reader"),
     ("pipeline.py", "from . import nodes"),
-    ("segmentation/depth.py", "from ..sim import piles"),
-    ("segmentation/depth.py", "import rosbags"),
-    ("occupancy.py", "import importlib\nimportlib.import_module('sapien')"),
+    ("segmentation/labels.py", "from ..sim import physics"),
+    ("segmentation/labels.py", "import rosbags"),
+    ("occupancy/network.py", "import importlib\nimportlib.import_module('sapien')"),
     ("bag/reader.py", "import rclpy.node"),
-    ("bag/reader.py", "from stack_counter.bag.player import play"),
-    ("bag/player.py", "from stack_counter.nodes import collector"),
-    ("bag/recorder.py", "from stack_counter.nodes.base import run"),
+    ("bag/reader.py", "from stack_counter.ros.player import play"),
+    ("ros/player.py", "from stack_counter.nodes import collector"),
     ("nodes/collector.py", "import mcap"),
     ("nodes/collector.py", "from stack_counter.bag import reader"),
-    ("nodes/collector.py", "from stack_counter.bag.recording import Recording"),
-    ("nodes/counter.py", "import stack_counter.bag.player"),
-    ("nodes/counter.py", "from stack_counter.sim import piles"),
-    ("sim/piles.py", "import stack_counter.train.model"),
-    ("sim/piles.py", "from stack_counter import eval"),
-    ("train/fit.py", "from stack_counter.sim.piles import drop"),
-    ("eval/report.py", "from stack_counter.train.baselines import fit"),
-    ("eval/report.py", "from stack_counter.cli import main"),
+    ("nodes/collector.py", "from stack_counter.bag.scan_file import Recording"),
+    ("nodes/counter.py", "from stack_counter.sim import record"),
+    ("sim/report.py", "import stack_counter.train.gamma"),
+    ("sim/report.py", "from stack_counter import eval"),
+    ("train/gamma.py", "from stack_counter.sim.physics.drop import drop"),
+    ("train/gamma.py", "from stack_counter.sim import dataset"),
+    ("train/gamma.py", "from stack_counter import teaching"),
+    ("eval/count.py", "from stack_counter.cli import main"),
 ])
 def test_a_violation_is_noticed(path, line):
     assert violations(line, Path(path))
 
 
 @pytest.mark.parametrize("path, line", [
-    ("tsdf.py", "import numpy, open3d\nfrom stack_counter.types import View"),
+    ("fusion/tsdf.py", "import numpy, open3d\nfrom stack_counter.types import View"),
     ("bag/reader.py", "import mcap.reader\nfrom stack_counter.errors import BagError"),
-    ("bag/player.py", "import rclpy\nfrom std_srvs.srv import Trigger\nfrom .reader import read"),
-    ("nodes/counter.py", "import rclpy\nfrom stack_counter.nodes import conversions"),
-    ("nodes/recording.py", "from stack_counter.bag.recorder import Recorder"),
-    ("sim/piles.py", "import sapien\nfrom stack_counter.sim import shapes"),
-    ("cli.py", "from stack_counter.nodes import collector\nfrom stack_counter.sim import piles"),
+    ("ros/player.py", "import rclpy\nfrom std_srvs.srv import Trigger\nfrom .qos import LATCHED"),
+    ("nodes/counter.py", "import rclpy\nfrom stack_counter.ros import to_msg"),
+    ("nodes/scan_recording.py", "from stack_counter.bag.recorder import Recorder"),
+    ("sim/report.py", "import sapien\nfrom stack_counter.sim.shapes import make_shape"),
+    ("train/gamma.py", "from stack_counter.sim import record"),
+    ("cli/main.py", "from stack_counter.nodes import collector\nimport stack_counter.sim.report"),
 ])
 def test_what_is_allowed_passes(path, line):
     assert violations(line, Path(path)) == []
 
 
 def test_the_core_loads_no_ros_bags_or_engine():
-    """The whole core, imported in a fresh interpreter, pulls in none of them, even indirectly."""
-    names = ["stack_counter." + ".".join(path.with_suffix("").parts) for path in MODULES
-             if part_of(path) == "core" and path.name != "__init__.py"]
-    assert (ROS | BAGS | ENGINES) & loaded(*names) == set()
+    """All packages down to the pipeline, imported in a fresh interpreter, pull in none of them."""
+    core = {*GROUND, *list(LAYERS)[:list(LAYERS).index("pipeline") + 1]}
+    names = ["stack_counter." + ".".join(path.with_suffix("").parts).removesuffix(".__init__")
+             for path in MODULES if home_of(path) in core]
+    assert {name.split(".")[0] for name in loaded(*names)} & set(ROS_AND_BAGS) == set()
 
 
 def test_the_recorder_brings_no_ros_and_no_player_into_the_nodes():
     got = loaded("stack_counter.bag.recorder")
-    assert (ROS | ENGINES) & got == set()
+    assert "rclpy" not in got
     assert {name for name in got if name.startswith("stack_counter.bag.")} == {
-        f"stack_counter.bag.{module}" for module in ("recorder", "recording", "record_names")}
+        f"stack_counter.bag.{module}" for module in ("recorder", "scan_file", "record_names")}
 
 
 def loaded(*names):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from analytic import CAMERA, Scene
+from kits.analytic import CAMERA, Scene
 
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig

@@ -7,7 +7,7 @@ from pathlib import Path
 from stack_counter.bag.reader import BagReader, fit_rig, read_views
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
-from stack_counter.rig import RigAssembler, rig_of
+from stack_counter.views.rig import RigAssembler, rig_of
 
 
 def describe(path: Path, config: CollectorConfig) -> str:

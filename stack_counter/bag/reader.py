@@ -18,8 +18,8 @@ from stack_counter.bag.mcap_file import McapFile, RawMessage
 from stack_counter.bag.record_names import FACTS, finished
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
-from stack_counter.rig import Rig, RigAssembler
 from stack_counter.types import View
+from stack_counter.views.rig import Rig, RigAssembler
 
 LABELS_TOPIC = "/camera/labels"
 

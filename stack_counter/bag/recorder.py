@@ -17,9 +17,9 @@ from functools import partial
 from pathlib import Path
 
 from stack_counter.bag.record_names import finished
-from stack_counter.bag.recording import IMAGES, Received, Recording, rescue
+from stack_counter.bag.scan_file import IMAGES, Received, Recording, rescue
 from stack_counter.errors import ConfigError
-from stack_counter.transforms import KEEP_NS
+from stack_counter.views.tf_buffer import KEEP_NS
 
 _FLUSH_S = 1.0  # longest time that a message is in memory only
 _BACKLOG_BYTES = 256_000_000  # messages that wait for the disk: seconds of a camera

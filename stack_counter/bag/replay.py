@@ -13,17 +13,17 @@ from typing import Any
 
 from stack_counter.bag.reader import BagReader, fit_rig, read_views
 from stack_counter.config import CollectorConfig, Config
-from stack_counter.container_catalogue import TaughtContainer, taught_from
+from stack_counter.container.catalogue import TaughtContainer, taught_from
 from stack_counter.counting import flagged
-from stack_counter.cycles import Cycle, CycleFormer
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.occupancy import OccupancyEstimator, make_estimator
-from stack_counter.part_catalogue import Part
+from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
+from stack_counter.parts.catalogue import Part
 from stack_counter.pipeline import StackCounter, count_stack, joined_tally
-from stack_counter.rig import RigAssembler, rig_of
 from stack_counter.segmentation.prompts import read_prompts
 from stack_counter.segmentation.scan_labels import ScanLabels
 from stack_counter.types import StackCount, StackVolume, View, ViewTally
+from stack_counter.views.cycles import Cycle, CycleFormer
+from stack_counter.views.rig import RigAssembler, rig_of
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ConfigError, StackCounterError
-from stack_counter.eval import cost
-from stack_counter.eval.published_rule import (
+from stack_counter.eval.common import cost
+from stack_counter.eval.common.published_rule import (
     CELLS,
     RELEASED,
     WRITTEN,
@@ -29,7 +29,7 @@ from stack_counter.eval.published_rule import (
     against_by_loop,
     volume,
 )
-from stack_counter.eval.sets import folder_of
+from stack_counter.eval.common.sets import folder_of
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, read_scenes, record
 from stack_counter.types import View

@@ -9,8 +9,8 @@ import argparse
 
 import numpy as np
 
-from stack_counter.eval import metrics
-from stack_counter.eval.cases import ROWS, Case, add_arguments, groups, report
+from stack_counter.eval.common import metrics
+from stack_counter.eval.common.cases import ROWS, Case, add_arguments, groups, report
 
 __all__ = ["add_arguments", "run", "table"]
 

@@ -19,8 +19,8 @@ from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
-from stack_counter.eval.sets import folder_of
-from stack_counter.pictures import depth_scan
+from stack_counter.eval.common.sets import folder_of
+from stack_counter.multiview.scan import depth_scan
 from stack_counter.pipeline import StackCounter, volume_of
 from stack_counter.sim import DepthCamera, Scene, read_scenes, record
 from stack_counter.types import PARTS, View

@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.eval.sets import folder_of
+from stack_counter.eval.common.sets import folder_of
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, read_shard, record
 from stack_counter.types import CONTAINER, PARTS, View

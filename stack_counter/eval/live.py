@@ -19,10 +19,10 @@ from tqdm import tqdm
 
 from stack_counter.config import CounterConfig, ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.eval import metrics
-from stack_counter.eval.sets import folder_of
-from stack_counter.occupancy import make_estimator
-from stack_counter.part_catalogue import Part
+from stack_counter.eval.common import metrics
+from stack_counter.eval.common.sets import folder_of
+from stack_counter.occupancy.baselines import make_estimator
+from stack_counter.parts.catalogue import Part
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, picked, read_scenes, watch
 

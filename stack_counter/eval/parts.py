@@ -22,16 +22,16 @@ import numpy as np
 from tqdm import tqdm
 
 from stack_counter.config import Config, CounterConfig, ReconstructorConfig
-from stack_counter.counted_bin import counted_scan
 from stack_counter.errors import StackCounterError
-from stack_counter.eval import metrics
-from stack_counter.eval.sets import folder_of
-from stack_counter.occupancy import OccupancyEstimator, make_estimator
-from stack_counter.part import Pile, Seen, make_order, models_of, simulate_part
-from stack_counter.part_catalogue import Part
-from stack_counter.part_model import PartModels, Reading
+from stack_counter.eval.common import metrics
+from stack_counter.eval.common.sets import folder_of
+from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
+from stack_counter.parts.calibration import counted_scan
+from stack_counter.parts.catalogue import Part
+from stack_counter.parts.gamma_model import PartModels, Reading
 from stack_counter.pipeline import count_stack
 from stack_counter.sim import FOUND_AS, SCENES_PER_RIG, Scene, read_scenes
+from stack_counter.teaching import Pile, Seen, make_order, models_of, simulate_part
 from stack_counter.train import reconstruct
 from stack_counter.types import OccupancyEstimate, StackVolume
 

@@ -16,9 +16,9 @@ from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
-from stack_counter.eval import metrics
+from stack_counter.eval.common import metrics
+from stack_counter.parts.template import scan_template, shipped
 from stack_counter.sim import Shape, load_shapes, record, spread
-from stack_counter.template import scan_template, shipped
 
 _SEED = 0
 _LARGE_M = 0.03  # part size from which v is claimed

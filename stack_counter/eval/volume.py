@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
-from stack_counter.eval.sets import folder_of
+from stack_counter.eval.common.sets import folder_of
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import FOUND_AS, Scene, read_scenes, record
 from stack_counter.types import View

@@ -20,17 +20,17 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from stack_counter.config import CollectorConfig
-from stack_counter.cycles import Cycle, CycleFormer
 from stack_counter.errors import ConfigError, PartError, ViewError
-from stack_counter.messages import stamp_ns
-from stack_counter.nodes.base import RELIABLE, ManagedNode, run
-from stack_counter.nodes.conversions import to_header, to_posed_image
-from stack_counter.nodes.diagnostics import WARN, Rate
-from stack_counter.nodes.outbox import Outbox, Scan
-from stack_counter.nodes.recording import ScanRecording
-from stack_counter.part_catalogue import resolve_part
-from stack_counter.rig import RigAssembler, rig_of
+from stack_counter.nodes.scan_queue import Outbox, Scan
+from stack_counter.nodes.scan_recording import ScanRecording
+from stack_counter.parts.catalogue import resolve_part
+from stack_counter.ros.diagnostics import WARN, Rate
+from stack_counter.ros.lifecycle import RELIABLE, ManagedNode, run
+from stack_counter.ros.to_msg import to_header, to_posed_image
 from stack_counter.types import View, ViewTally
+from stack_counter.views.cycles import Cycle, CycleFormer
+from stack_counter.views.decoding import stamp_ns
+from stack_counter.views.rig import RigAssembler, rig_of
 
 _SILENT_S = 2.0  # without an image while a scan is open: an operator should look
 _TELL_AGAIN_S = 2.0

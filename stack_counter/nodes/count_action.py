@@ -18,9 +18,9 @@ from std_srvs.srv import Trigger
 
 from stack_counter.config import CounterConfig
 from stack_counter.errors import ConfigError, PartError
-from stack_counter.nodes.base import RELIABLE, ManagedNode
-from stack_counter.nodes.verdicts import with_verdict
-from stack_counter.part_catalogue import resolve_part
+from stack_counter.parts.catalogue import resolve_part
+from stack_counter.ros.lifecycle import RELIABLE, ManagedNode
+from stack_counter.ros.verdicts import with_verdict
 
 _COLLECTOR_WITHIN_S = 5.0  # a collector that is just starting is waited for
 _ANSWER_WITHIN_S = 10.0  # of a service

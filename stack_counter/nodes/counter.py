@@ -11,18 +11,18 @@ from visualization_msgs.msg import MarkerArray
 
 from stack_counter.config import CounterConfig
 from stack_counter.errors import StackCounterError
-from stack_counter.messages import stamp_ns
-from stack_counter.nodes.base import LATCHED, ManagedNode, run
-from stack_counter.nodes.conversions import failed_count, to_stack_count
 from stack_counter.nodes.count_action import CountAction
-from stack_counter.nodes.diagnostics import ERROR, OK, WARN
 from stack_counter.nodes.display import NEWEST
-from stack_counter.nodes.markers import count_markers, text_place
-from stack_counter.nodes.verdicts import with_verdict
-from stack_counter.occupancy import make_estimator
-from stack_counter.part_catalogue import Part, resolve_part
+from stack_counter.occupancy.baselines import make_estimator
+from stack_counter.parts.catalogue import Part, resolve_part
 from stack_counter.pipeline import count_stack
-from stack_counter.stack_messages import from_stack_volume
+from stack_counter.ros.diagnostics import ERROR, OK, WARN
+from stack_counter.ros.from_msg import from_stack_volume
+from stack_counter.ros.lifecycle import LATCHED, ManagedNode, run
+from stack_counter.ros.markers import count_markers, text_place
+from stack_counter.ros.to_msg import failed_count, to_stack_count
+from stack_counter.ros.verdicts import with_verdict
+from stack_counter.views.decoding import stamp_ns
 
 _LEVELS = {StackCount.STATUS_OK: OK, StackCount.STATUS_DEGRADED: WARN,
            StackCount.STATUS_ERROR: ERROR}

@@ -10,9 +10,9 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from stack_counter.nodes.base import ManagedNode
-from stack_counter.nodes.markers import scene_markers, surface_points
 from stack_counter.pipeline import StackCounter
+from stack_counter.ros.lifecycle import ManagedNode
+from stack_counter.ros.markers import scene_markers, surface_points
 from stack_counter.types import StackVolume, View
 
 # Latched, but only the last one: each is some MB, and replaces the one before.

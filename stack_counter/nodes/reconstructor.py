@@ -13,13 +13,13 @@ from std_srvs.srv import Trigger
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.nodes.base import LATCHED, RELIABLE, ManagedNode, run
-from stack_counter.nodes.conversions import to_header, to_stack_volume, to_tally
-from stack_counter.nodes.diagnostics import WARN, Rate
 from stack_counter.nodes.display import Display
 from stack_counter.nodes.report_service import ReportService
 from stack_counter.pipeline import StackCounter, joined_tally
-from stack_counter.stack_messages import from_posed_image
+from stack_counter.ros.diagnostics import WARN, Rate
+from stack_counter.ros.from_msg import from_posed_image
+from stack_counter.ros.lifecycle import LATCHED, RELIABLE, ManagedNode, run
+from stack_counter.ros.to_msg import to_header, to_stack_volume, to_tally
 from stack_counter.types import ViewTally
 
 _OLD_S = 10.0  # without a view in continuous mode

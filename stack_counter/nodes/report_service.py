@@ -15,12 +15,12 @@ from stack_counter_msgs.msg import StackCount as StackCountMsg
 from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
 from std_srvs.srv import Trigger
 
+from stack_counter.display.report import write_report
 from stack_counter.errors import ScanError
-from stack_counter.messages import stamp_ns
-from stack_counter.nodes.base import LATCHED, ManagedNode
-from stack_counter.report import write_report
-from stack_counter.stack_messages import from_stack_count
+from stack_counter.ros.from_msg import from_stack_count
+from stack_counter.ros.lifecycle import LATCHED, ManagedNode
 from stack_counter.types import StackCount, StackVolume
+from stack_counter.views.decoding import stamp_ns
 
 _AHEAD = 4  # volumes that wait for their counts
 _LONGEST = 40  # letters of a scan's id in the name of its folder

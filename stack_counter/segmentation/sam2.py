@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 import torch
 
-from stack_counter.local_models import load_local
-from stack_counter.segmentation.prompted import check_views
+from stack_counter.pretrained import load_local
+from stack_counter.segmentation.prompted.segmenter import check_views
 from stack_counter.segmentation.prompts import Prompts
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS, View
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ConfigError, ViewError
-from stack_counter.segmentation.prompted import Prompted
+from stack_counter.segmentation.prompted.segmenter import Prompted
 from stack_counter.segmentation.prompts import PromptError, Prompts, read_prompts
 from stack_counter.types import View
 

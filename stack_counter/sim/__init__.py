@@ -7,20 +7,20 @@
 What is named here is for `train`, `eval` and `part`; the rest is the simulator's own.
 """
 
-from stack_counter.sim.bags import picked
-from stack_counter.sim.camera import DepthCamera
-from stack_counter.sim.casting import Caster
-from stack_counter.sim.containers import FOUND_AS, ContainerShape
-from stack_counter.sim.piles import drop
-from stack_counter.sim.plans import FRICTION, deep_container, pile_in
-from stack_counter.sim.recipes import SCENES_PER_RIG, most_parts
-from stack_counter.sim.recording import record, watch
-from stack_counter.sim.scene import Scene, SceneError
+from stack_counter.sim.camera.bags import picked
+from stack_counter.sim.camera.depth_camera import DepthCamera
+from stack_counter.sim.camera.recording import record, watch
+from stack_counter.sim.physics.drop import drop
+from stack_counter.sim.physics.plans import FRICTION, deep_container, pile_in
+from stack_counter.sim.physics.recipes import SCENES_PER_RIG, most_parts
+from stack_counter.sim.physics.table import spread
+from stack_counter.sim.scenes.containers import FOUND_AS, ContainerShape
+from stack_counter.sim.scenes.ray_caster import Caster
+from stack_counter.sim.scenes.scene import Scene, SceneError
+from stack_counter.sim.scenes.shards import read_scenes, read_shard
+from stack_counter.sim.scenes.truth import Truth
 from stack_counter.sim.shapes import Shape, ShapeError, make_shape, shape_from_mesh
 from stack_counter.sim.shapes.library import load_shapes
-from stack_counter.sim.shards import read_scenes, read_shard
-from stack_counter.sim.table import spread
-from stack_counter.sim.truth import Truth
 
 __all__ = ["FOUND_AS", "FRICTION", "SCENES_PER_RIG", "Caster", "ContainerShape", "DepthCamera",
            "Scene", "SceneError", "Shape", "ShapeError", "Truth", "deep_container", "drop",

@@ -17,11 +17,11 @@ from pathlib import Path
 from tqdm import tqdm
 
 from stack_counter.errors import StackCounterError
-from stack_counter.sim.piles import make_scene
-from stack_counter.sim.recipes import Recipe
-from stack_counter.sim.scene import SceneError
+from stack_counter.sim.physics.drop import make_scene
+from stack_counter.sim.physics.recipes import Recipe
+from stack_counter.sim.scenes.scene import SceneError
+from stack_counter.sim.scenes.shards import LIBRARY, SCENES, read_shard, shard_path, write_shard
 from stack_counter.sim.shapes.library import load_shapes
-from stack_counter.sim.shards import LIBRARY, SCENES, read_shard, shard_path, write_shard
 
 _LOG = logging.getLogger(__name__)
 RUN = "run.json"  # what the scenes of a folder are made from

@@ -15,11 +15,11 @@ import numpy as np
 from scipy import stats
 
 from stack_counter import geometry
-from stack_counter.sim.containers import KINDS
-from stack_counter.sim.render import Renderer
-from stack_counter.sim.scene import Scene, SceneError
+from stack_counter.sim.camera.render import Renderer
+from stack_counter.sim.scenes.containers import KINDS
+from stack_counter.sim.scenes.scene import Scene, SceneError
+from stack_counter.sim.scenes.shards import read_shard, read_skipped
 from stack_counter.sim.shapes import FAMILIES
-from stack_counter.sim.shards import read_shard, read_skipped
 from stack_counter.types import Intrinsics
 
 PAGE, LOG = "report.html", "simulate.log"

@@ -14,10 +14,10 @@ import sys
 import numpy as np
 import trimesh
 
-from stack_counter.sim.containers import ContainerShape
-from stack_counter.sim.piles import drop
-from stack_counter.sim.plans import Plan
-from stack_counter.sim.scene import Scene, SceneError
+from stack_counter.sim.physics.drop import drop
+from stack_counter.sim.physics.plans import Plan
+from stack_counter.sim.scenes.containers import ContainerShape
+from stack_counter.sim.scenes.scene import Scene, SceneError
 from stack_counter.sim.shapes import Shape, make_shape, shape_from_mesh
 
 _SIZE = 0.02  # of balls and cubes, m

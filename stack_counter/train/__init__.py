@@ -3,7 +3,7 @@
 What is named here is for `eval` and `part`; the rest is training's own.
 """
 
-from stack_counter.train.fused import reconstruct, reconstruct_from_above
-from stack_counter.train.heights import cast
+from stack_counter.train.data.fused import reconstruct, reconstruct_from_above
+from stack_counter.train.data.heights import cast
 
 __all__ = ["cast", "reconstruct", "reconstruct_from_above"]

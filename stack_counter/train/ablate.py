@@ -17,15 +17,9 @@ import cv2
 import numpy as np
 import torch
 
-from stack_counter.gamma_net import GammaNet, NetConfig
-from stack_counter.train.batches import fold_of
-from stack_counter.train.gamma import (
-    TrainConfig,
-    add_arguments,
-    load_data,
-    train_member,
-    watch,
-)
+from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
+from stack_counter.train.data.batches import fold_of
+from stack_counter.train.gamma import TrainConfig, add_arguments, load_data, train_member, watch
 
 _SCENES = 2000
 # Name -> changed settings of the network and of the training, scenes (0: all) and, of the names

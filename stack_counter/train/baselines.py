@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
-from stack_counter.occupancy import FORMAT, normalized_height
+from stack_counter.occupancy.baselines import FORMAT, normalized_height
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, read_shard, record
 

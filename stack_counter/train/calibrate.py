@@ -21,11 +21,11 @@ import torch
 from torch import nn
 
 from stack_counter.errors import ConfigError
-from stack_counter.gamma_input import describe
-from stack_counter.gamma_net import save_members
-from stack_counter.network import Known, doubts, predict
-from stack_counter.train.batches import fold_of
-from stack_counter.train.fused import Scan, read_scans
+from stack_counter.occupancy.gamma_net import save_members
+from stack_counter.occupancy.maps import describe
+from stack_counter.occupancy.network import Known, doubts, predict
+from stack_counter.train.data.batches import fold_of
+from stack_counter.train.data.fused import Scan, read_scans
 from stack_counter.train.gamma import read_member
 
 _KNOWN = 0.99  # share of training stacks within the reach of what is known

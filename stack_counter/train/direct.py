@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from stack_counter.direct import TYPICAL, framed, look
-from stack_counter.gamma_net import GammaNet, NetConfig, save_members
-from stack_counter.train.batches import fold_of
+from stack_counter.occupancy.direct_count import TYPICAL, framed, look
+from stack_counter.occupancy.gamma_net import GammaNet, NetConfig, save_members
+from stack_counter.train.data.batches import fold_of
+from stack_counter.train.data.heights import Sample
 from stack_counter.train.gamma import Data, TrainConfig, add_arguments, load_data, train_member
-from stack_counter.train.heights import Sample
 
 _WIDTHS = (16, 32, 48, 64)
 

@@ -21,10 +21,10 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
 from stack_counter.errors import ConfigError
-from stack_counter.gamma_net import GammaNet, make_net
-from stack_counter.train.batches import BLIND, FOLDS, batches, fold_of, make_tile, targets
-from stack_counter.train.fused import read_scans
-from stack_counter.train.heights import Sample, load_samples
+from stack_counter.occupancy.gamma_net import GammaNet, make_net
+from stack_counter.train.data.batches import BLIND, FOLDS, batches, fold_of, make_tile, targets
+from stack_counter.train.data.fused import read_scans
+from stack_counter.train.data.heights import Sample, load_samples
 
 _WATCHED = 400  # samples of families left out that are looked at after an epoch
 

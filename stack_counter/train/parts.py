@@ -21,14 +21,14 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
-from stack_counter.gamma_input import PIXELS_PER_LENGTH
-from stack_counter.gamma_net import load_members
-from stack_counter.network import Known
-from stack_counter.part_model import FEATURES, GammaModel, PartModels, Reading, features
+from stack_counter.occupancy.gamma_net import load_members
+from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
+from stack_counter.occupancy.network import Known
+from stack_counter.parts.gamma_model import FEATURES, GammaModel, PartModels, Reading, features
 from stack_counter.sim import SCENES_PER_RIG
-from stack_counter.train.batches import fold_of
 from stack_counter.train.calibrate import Residual, center_of, residuals
-from stack_counter.train.fused import read_scans
+from stack_counter.train.data.batches import fold_of
+from stack_counter.train.data.fused import read_scans
 
 _SHARED = 2  # coefficients that differ from rig to rig: of 1 and of the height
 _FOLDS = 6  # of rigs, for the scores

@@ -16,8 +16,8 @@ import numpy as np
 from tqdm import tqdm
 
 from stack_counter.sim import read_shard
-from stack_counter.train.fused import scan
-from stack_counter.train.heights import write_samples
+from stack_counter.train.data.fused import scan
+from stack_counter.train.data.heights import write_samples
 
 
 def _keep(job: tuple[Path, int, Path, bool]) -> None:

@@ -20,8 +20,7 @@ from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
-from stack_counter.sim import make_shape, record, spread
-from stack_counter.template import (
+from stack_counter.parts.template import (
     FORMAT,
     Template,
     TemplateModel,
@@ -29,6 +28,7 @@ from stack_counter.template import (
     relative_std,
     scan_template,
 )
+from stack_counter.sim import make_shape, record, spread
 
 _SEED = 77
 _VIEWS = (6, 18)

@@ -5,8 +5,8 @@ import struct
 
 import numpy as np
 import pytest
+from kits.recording_kit import FRAME, TF, records, scan, tf_record, write
 from mcap.writer import CompressionType, Writer
-from recording_kit import FRAME, TF, records, scan, tf_record, write
 
 from stack_counter.bag.mcap_file import McapFile
 from stack_counter.bag.reader import BagReader, fit_config

@@ -6,15 +6,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from kits.bags import picture
 from rosbags.highlevel import AnyReader
 
-from bags import picture
 from stack_counter import geometry
 from stack_counter.bag.nerfstudio import import_scene
 from stack_counter.bag.reader import BagReader, fit_rig, read_views
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
-from stack_counter.rig import RigAssembler, rig_of
+from stack_counter.views.rig import RigAssembler, rig_of
 
 PASTA = Path(__file__).parents[3] / "shared" / "real" / "pasta"
 FLIP = np.diag([1.0, -1, -1, 1])
@@ -78,14 +78,14 @@ def test_missing_pictures_are_skipped_and_faults_named(tmp_path):
 
 @pytest.mark.skipif(not PASTA.is_dir(), reason=f"no real scene at {PASTA}")
 def test_real_scene_gives_the_hull_of_the_bag_and_stereo_carves_it(tmp_path):
-    from stack_counter import hull
     from stack_counter.config import ReconstructorConfig
+    from stack_counter.multiview import visual_hull
     from stack_counter.pipeline import StackCounter
 
     assert "54 views, 54 with labels" in import_scene(PASTA, tmp_path / "pasta")
     views = list(views_of(tmp_path / "pasta"))
     # A visual hull of the outline, no votes to spare, measured independently: 2443 cm3.
-    whole = hull.carve(views, 0.003, 0.5).volume
+    whole = visual_hull.carve(views, 0.003, 0.5).volume
     assert whole == pytest.approx(2443e-6, rel=0.01)
     stack = StackCounter(ReconstructorConfig(voxel_size=0.003))
     for view in views:

@@ -10,14 +10,14 @@ import time
 
 import numpy as np
 import pytest
+from kits.recorder_kit import FACTS, noise, numbers, received, record, views_of, wait
+from kits.recording_kit import INFO, camera_info, scan, tf_record
 from mcap.reader import make_reader
-from recorder_kit import FACTS, noise, numbers, received, record, views_of, wait
-from recording_kit import INFO, camera_info, scan, tf_record
 
 from stack_counter.bag import recorder as recorder_module
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.recorder import Recorder
-from stack_counter.bag.recording import Recording
+from stack_counter.bag.scan_file import Recording
 from stack_counter.errors import ConfigError
 
 BIG = 1000.0  # MB

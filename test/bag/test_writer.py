@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from analytic import Scene
-from recording_kit import (
+from kits.analytic import Scene
+from kits.recording_kit import (
     COLOR,
     DEPTH,
     FRAME,
@@ -28,8 +28,8 @@ from stack_counter.bag.reader import BagReader, fit_config, fit_rig, read_views
 from stack_counter.bag.writer import write_bag
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
-from stack_counter.rig import RigAssembler, rig_of
 from stack_counter.types import Intrinsics
+from stack_counter.views.rig import RigAssembler, rig_of
 
 DISTORTED = replace(SMALL, distortion_model="plumb_bob", distortion=(0.1, -0.2, 0.01, 0.02, 0.3))
 

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from analytic import Scene
+from kits.analytic import Scene
 
 from stack_counter.errors import ConfigError
-from stack_counter.eval import benchmark, cost, long_scan
-from stack_counter.eval.published_rule import (
+from stack_counter.eval import benchmark
+from stack_counter.eval.common import cost, long_scan
+from stack_counter.eval.common.published_rule import (
     RELEASED,
     WRITTEN,
     Grid,

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from painted import painted
+from kits.painted import painted
 
 from stack_counter import geometry
 from stack_counter.eval.labels import (

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_known_part import Says, scan
-from test_part_model import model
+from kits.known_parts import Says, model, scan
 
 from stack_counter.eval.parts import (
     ROWS,
@@ -17,7 +16,7 @@ from stack_counter.eval.parts import (
     sensitivity,
     table,
 )
-from stack_counter.part_model import PartModels
+from stack_counter.parts.gamma_model import PartModels
 from stack_counter.sim import read_scenes
 
 DATA = Path(__file__).parents[2] / "data" / "unseen-rigs"

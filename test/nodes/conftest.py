@@ -5,7 +5,7 @@ pytest.importorskip("rclpy")
 
 @pytest.fixture
 def ros(tmp_path):
-    from harness import Harness
+    from kits.harness import Harness
 
     harness = Harness(tmp_path)
     yield harness

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
-from harness import LATCHED, Harness
+from kits.harness import LATCHED, Harness
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from stack_counter_msgs.msg import ScanStatus, StackCount
@@ -23,7 +23,7 @@ from stack_counter_msgs.srv import StartScan, StopScan
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from stack_counter.nodes.conversions import to_camera_info, to_header, to_image, to_pose
+from stack_counter.ros.to_msg import to_camera_info, to_header, to_image, to_pose
 from stack_counter.sim import read_scenes, record
 
 SPACE = "/stack_counter"

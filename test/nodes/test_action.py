@@ -12,10 +12,10 @@ from stack_counter_msgs.msg import ScanStatus, StackCount
 from stack_counter_msgs.srv import GetCount, StartCount
 from std_srvs.srv import Trigger
 
-from stack_counter.bag.player import message_type
 from stack_counter.bag.reader import BagReader, fit_config, listened
 from stack_counter.config import CollectorConfig
-from stack_counter.rig import RigAssembler, rig_of
+from stack_counter.ros.player import message_type
+from stack_counter.views.rig import RigAssembler, rig_of
 
 BAG = Path(__file__).parents[2] / "bags" / "demo"
 

@@ -1,11 +1,11 @@
 """The collector over real DDS: what comes in, what goes on, and that nothing is lost."""
 
-from harness import Camera
+from kits.harness import Camera
 from rclpy.qos import QoSProfile
 from stack_counter_msgs.msg import PosedImage, ScanStatus
 from stack_counter_msgs.srv import StartScan, StopScan
 
-from stack_counter.part_catalogue import Part, save_part
+from stack_counter.parts.catalogue import Part, save_part
 from stack_counter.types import Intrinsics
 
 SPACE = "/stack_counter"

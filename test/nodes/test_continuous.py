@@ -4,13 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from harness import LATCHED
+from kits.harness import LATCHED
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from stack_counter_msgs.msg import StackCount
 from tf2_msgs.msg import TFMessage
 
-from stack_counter.nodes.conversions import to_camera_info, to_header, to_image, to_pose
+from stack_counter.ros.to_msg import to_camera_info, to_header, to_image, to_pose
 from stack_counter.sim import picked, read_scenes, watch
 
 UNSEEN = Path(__file__).parents[2] / "data" / "unseen"

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from harness import LATCHED
+from kits.harness import LATCHED
 from stack_counter_msgs.msg import Container, StackCount, StackVolume
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray

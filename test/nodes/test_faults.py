@@ -6,14 +6,14 @@ import signal
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from harness import FRAME, Camera, Taker
+from kits.harness import FRAME, Camera, Taker
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 from stack_counter_msgs.msg import ScanStatus
 from stack_counter_msgs.srv import StartScan, StopScan
 from tf2_msgs.msg import TFMessage
 
-from stack_counter.nodes.conversions import to_header, to_image
+from stack_counter.ros.to_msg import to_header, to_image
 from stack_counter.types import Intrinsics
 
 SPACE = "/stack_counter"

@@ -1,34 +1,20 @@
 """docs/interface.md against the running nodes, and that they all have the lifecycle."""
 
-from pathlib import Path
-
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from kits.interface_table import SPACE, full, table
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.action.graph import get_action_server_names_and_types_by_node
 
-SPACE = "/stack_counter"
-TABLE = Path(__file__).parents[2] / "docs" / "interface.md"
 # Every ROS 2 node has these.
 OWN = ("rosout", "parameter_events", "transition_event", "parameters", "parameter", "state",
        "transitions", "transition_graph", "type_description", "_action")
 SETTINGS = {"collector": ("min_change", 9.0, "rig", "x"),
             "reconstructor": ("prompts", "", "min_views", 4),
             "counter": ("confidence", 0.8, "estimator", "depth_corrected")}
-
-
-def table():
-    """(node, how, name, type) of each row."""
-    rows = [line.split("|")[1:5] for line in TABLE.read_text().splitlines()
-            if line.startswith("| ") and not line.startswith("| node")]
-    return {tuple(cell.strip().strip("`") for cell in row) for row in rows}
-
-
-def full(name):
-    return name if name.startswith("/") else f"{SPACE}/{name}"
 
 
 def is_own(name):

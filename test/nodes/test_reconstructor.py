@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 
 import pytest
-from analytic import Scene
-from harness import LATCHED
-from painted import marks, painted, unlabelled
+from kits.analytic import Scene
+from kits.harness import LATCHED
+from kits.painted import marks, painted, unlabelled
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -15,7 +15,7 @@ from stack_counter_msgs.msg import PosedImage, ScanStatus, StackCount, StackVolu
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from stack_counter.nodes.conversions import to_posed_image
+from stack_counter.ros.to_msg import to_posed_image
 
 SPACE = "/stack_counter"
 

@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 
 import pytest
-from painted import marks, painted, unlabelled
+from kits.bags import bag
+from kits.painted import marks, painted, unlabelled
 
-from bags import bag
 from stack_counter.cli import main
 
 DEMO = Path(__file__).parents[2] / "bags" / "demo"

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from harness import LATCHED, Camera
+from kits.harness import LATCHED, Camera
 from stack_counter_msgs.msg import ScanStatus, StackCount
 from stack_counter_msgs.srv import StartScan
 

@@ -6,7 +6,8 @@ import signal
 
 import numpy as np
 import pytest
-from harness import LATCHED
+from kits.bags import FRAME, bag, bin_views
+from kits.harness import LATCHED
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.qos import QoSProfile
@@ -14,13 +15,12 @@ from stack_counter_msgs.msg import PosedImage, ScanStatus, StackCount
 from stack_counter_msgs.srv import StartScan, StopScan
 from std_srvs.srv import Trigger
 
-from bags import FRAME, bag, bin_views
 from stack_counter import geometry
-from stack_counter.bag.player import message_type
 from stack_counter.bag.reader import BagReader, read_views
 from stack_counter.cli import main
 from stack_counter.config import CollectorConfig
-from stack_counter.rig import RigAssembler, rig_of
+from stack_counter.ros.player import message_type
+from stack_counter.views.rig import RigAssembler, rig_of
 
 SPACE = "/stack_counter"
 RELIABLE = QoSProfile(depth=1000)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 import yaml
-from test_interface_table import full, table
+from kits.interface_table import full, table
 
-from stack_counter.bag.player import message_type
+from stack_counter.ros.player import message_type
 
 ROOT = Path(__file__).parents[2]
 LATCHED = {"/stack_counter/surface", "/stack_counter/markers", "/stack_counter/count_marker"}

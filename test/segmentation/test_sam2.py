@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from kits.bags import CAMERA, bin_views
 from safetensors.torch import load_file, save_file
 
-from bags import CAMERA, bin_views
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ConfigError, ViewError, WeightsError
 from stack_counter.pipeline import StackCounter

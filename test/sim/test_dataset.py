@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 from stack_counter.sim import read_scenes
-from stack_counter.sim.containers import ContainerShape
 from stack_counter.sim.dataset import simulate
-from stack_counter.sim.piles import make_scene
-from stack_counter.sim.plans import Plan
-from stack_counter.sim.recipes import Recipe
-from stack_counter.sim.scene import SceneError
+from stack_counter.sim.physics.drop import make_scene
+from stack_counter.sim.physics.plans import Plan
+from stack_counter.sim.physics.recipes import Recipe
+from stack_counter.sim.scenes.containers import ContainerShape
+from stack_counter.sim.scenes.scene import SceneError
+from stack_counter.sim.scenes.shards import SCENES, shard_path
 from stack_counter.sim.shapes import make_shape
-from stack_counter.sim.shards import SCENES, shard_path
 
 pytest.importorskip("sapien", reason="the physics engine has no wheel for this Python")
 

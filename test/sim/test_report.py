@@ -5,11 +5,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from stack_counter.sim.containers import ContainerShape
 from stack_counter.sim.report import PAGE, write_report
-from stack_counter.sim.scene import Scene, SceneError
+from stack_counter.sim.scenes.containers import ContainerShape
+from stack_counter.sim.scenes.scene import Scene, SceneError
+from stack_counter.sim.scenes.shards import shard_path, write_shard
 from stack_counter.sim.shapes import make_shape
-from stack_counter.sim.shards import shard_path, write_shard
 
 
 def block_scene(index, count):

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stack_counter.sim import read_scenes, sparse, unseen
+from stack_counter.sim import read_scenes
 from stack_counter.sim.shapes import FAMILIES
+from stack_counter.sim.shapes.held_out import sparse, unseen
 
 DATA = Path(__file__).parents[2] / "data"
 

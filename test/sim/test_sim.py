@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 import trimesh
-from analytic import Scene as Analytic
+from kits.analytic import Scene as Analytic
 from scipy import ndimage
 
 from stack_counter import geometry
 from stack_counter.sim import Scene, record
-from stack_counter.sim.camera import DepthCamera, noisy_pose
-from stack_counter.sim.containers import ContainerShape
-from stack_counter.sim.recording import CAMERA
-from stack_counter.sim.render import Renderer, camera_rays
+from stack_counter.sim.camera.depth_camera import DepthCamera, noisy_pose
+from stack_counter.sim.camera.recording import CAMERA
+from stack_counter.sim.camera.render import Renderer, camera_rays
+from stack_counter.sim.scenes.containers import ContainerShape
 from stack_counter.sim.shapes import Shape
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS, Intrinsics
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-from stack_counter import gamma_net
 from stack_counter.errors import ConfigError
-from stack_counter.gamma_input import make_maps
-from stack_counter.gamma_net import GammaNet, NetConfig
-from stack_counter.network import Network
-from stack_counter.occupancy import Baselines, Prior
+from stack_counter.occupancy import gamma_net
+from stack_counter.occupancy.baselines import Baselines, Prior
+from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
+from stack_counter.occupancy.maps import make_maps
+from stack_counter.occupancy.network import Network
 from stack_counter.train import calibrate, gamma
-from stack_counter.train.fused import Scan
-from stack_counter.train.heights import Sample, write_samples
+from stack_counter.train.data.fused import Scan
+from stack_counter.train.data.heights import Sample, write_samples
 
 SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)
 

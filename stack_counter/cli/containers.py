@@ -1,0 +1,67 @@
+"""The command `stack-counter container`: teach an empty container, list those taught."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from tqdm import tqdm
+
+from stack_counter.config import load
+from stack_counter.container.catalogue import (
+    as_line,
+    catalogue_path,
+    load_containers,
+    save_container,
+)
+from stack_counter.files import config_path
+
+
+def add_container(commands: argparse._SubParsersAction) -> None:
+    """Adds the command to the command line's."""
+    container = commands.add_parser("container", help="teach an empty container, or list them")
+    more = container.add_subparsers(required=True, metavar="teach | list")
+    teach = more.add_parser("teach", help="measure an empty container and store it")
+    teach.add_argument("name", type=_nonempty, metavar="NAME",
+                       help="what the setting `container` calls it")
+    teach.add_argument("bag", type=Path, metavar="BAG", help="recording of it, empty")
+    teach.add_argument("--config", type=Path, metavar="FILE", help="settings (ROS parameters)")
+    teach.add_argument("--out", type=Path, metavar="FILE",
+                       help="catalogue; default: the configured one, config/containers.yaml")
+    teach.set_defaults(run=_teach)
+    listing = more.add_parser("list", help="the taught containers")
+    listing.add_argument("catalogue", type=Path, nargs="?", metavar="FILE",
+                         help="default: config/containers.yaml")
+    listing.set_defaults(run=_list_containers)
+
+
+def _nonempty(text: str) -> str:
+    if not text.strip():
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a name")
+    return text
+
+
+def _teach(options: argparse.Namespace) -> int:
+    config = load(options.config or config_path("stack_counter.yaml"))
+    if not options.bag.exists():
+        raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
+    path = options.out or catalogue_path(config.reconstructor)
+    if path.exists():
+        load_containers(path)  # or say what is wrong with it before the work
+    from stack_counter.bag.replay import teach
+
+    with tqdm(unit=" views", desc="teach", disable=not sys.stderr.isatty()) as bar:
+        taught = teach(options.bag, config, lambda: bar.update() and None)
+    save_container(options.name, taught, path)
+    print(f"{as_line(options.name, taught)}\nstored in {path}")
+    return 0
+
+
+def _list_containers(options: argparse.Namespace) -> int:
+    containers = load_containers(options.catalogue)
+    for name, taught in sorted(containers.items()):
+        print(as_line(name, taught))
+    if not containers:
+        print("no container taught yet: stack-counter container teach NAME BAG")
+    return 0

@@ -1,0 +1,1 @@
+"""The container of a stack: its rim and walls, fitted, configured or taught."""

@@ -1,0 +1,1 @@
+"""Meshes, drawings and reports for people; knows no ROS."""

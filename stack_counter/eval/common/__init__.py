@@ -1,0 +1,1 @@
+"""What several evaluations share: cases, metrics, plots."""

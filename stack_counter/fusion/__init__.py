@@ -1,0 +1,1 @@
+"""Depth views become one surface: region of interest, levelling, TSDF."""

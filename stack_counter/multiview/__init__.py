@@ -1,0 +1,1 @@
+"""Depth and hulls from colour pictures and label images alone."""

@@ -1,0 +1,1 @@
+"""A `StackVolume` becomes gamma: the network and the baselines."""

@@ -1,9 +1,0 @@
-"""What is learnt of one part: its piles simulated, its template scanned, its bins counted.
-
-What is named here is for `eval`; the rest is for the command line.
-"""
-
-from stack_counter.part.add import make_order, models_of, simulate_part
-from stack_counter.part.piles import Pile, Seen
-
-__all__ = ["Pile", "Seen", "make_order", "models_of", "simulate_part"]

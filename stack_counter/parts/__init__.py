@@ -1,0 +1,1 @@
+"""What is known of one part, and what that tells about gamma."""

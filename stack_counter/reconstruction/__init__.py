@@ -1,0 +1,1 @@
+"""Views become a `StackVolume`: V, its error, and what the network reads."""

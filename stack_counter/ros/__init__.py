@@ -1,0 +1,1 @@
+"""What everything that imports rclpy shares: node lifecycle, message conversion, processes."""

@@ -1,0 +1,1 @@
+"""Simulated cameras and recordings of simulated scenes."""

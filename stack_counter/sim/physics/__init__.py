@@ -1,0 +1,1 @@
+"""Simulated physics: what falls where."""

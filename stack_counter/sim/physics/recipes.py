@@ -1,0 +1,74 @@
+"""Which part and which plan scene `index` of a run has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from stack_counter.sim.physics.collision import convex_pieces
+from stack_counter.sim.physics.plans import (
+    MAX_PARTS,
+    Plan,
+    box_plan,
+    deep_plan,
+    mixed_plan,
+    rig_plan,
+    shallow_plan,
+)
+from stack_counter.sim.shapes import FAMILIES, Shape, make_shape
+
+SCENES_PER_SHAPE = 3  # one after the other, as in the paper: their convex pieces are made once
+SCENES_PER_RIG = 9  # of the plan `rig`
+# Convex pieces in a scene, at most: what the engine settles within seconds, or in half a minute.
+_PIECES = {"shallow": 1500, "deep": 2000, "mixed": 2000, "box": 3000, "rig": 2000}
+PLANS: dict[str, Callable[[np.random.Generator, Shape, int], Plan]] = {
+    "shallow": shallow_plan, "deep": deep_plan, "mixed": mixed_plan, "box": box_plan}
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a run is made from.
+
+    Attributes:
+        plan: name in `PLANS`, or `rig`: several piles of one part in one container.
+        library: parts to take; none for the training families.
+    """
+
+    plan: str = "mixed"
+    library: tuple[Shape, ...] = ()
+
+    def shape(self, seed: int, index: int, attempt: int) -> Shape:
+        """The part; every other failed attempt takes another.
+
+        Raises:
+            ShapeError: the generator gave no solid.
+        """
+        change = attempt // 2
+        if self.plan == "rig":
+            index //= SCENES_PER_RIG
+        if self.library:  # all of them in turn, in an order of the seed's
+            order = np.random.default_rng([seed, change]).permutation(len(self.library))
+            return self.library[order[index % len(order)]]
+        number = index if self.plan == "rig" else index // SCENES_PER_SHAPE
+        random = np.random.default_rng([seed, number, change])
+        return make_shape(int(random.integers(2**31)), str(random.choice(list(FAMILIES))))
+
+    def draw(self, random: np.random.Generator, shape: Shape, pieces: int, seed: int, index: int
+             ) -> Plan:
+        """A plan of scene `index` for a part that collides as so many convex pieces."""
+        most = min(MAX_PARTS, _PIECES[self.plan] // pieces)
+        if self.plan == "rig":
+            rig = np.random.default_rng([seed, index // SCENES_PER_RIG, 0x416])
+            return rig_plan(random, rig, shape, most)
+        return PLANS[self.plan](random, shape, most)
+
+
+def most_parts(shape: Shape) -> int:
+    """Parts of a pile that the engine settles in a few seconds.
+
+    Raises:
+        ShapeError: the part has no convex decomposition.
+    """
+    return min(MAX_PARTS, _PIECES["rig"] // len(convex_pieces(shape)))

@@ -1,0 +1,1 @@
+"""Simulated scenes: containers, truth, ray casting and storage."""

@@ -1,0 +1,1 @@
+"""Families of shapes that no training scene holds."""

@@ -1,0 +1,1 @@
+"""Training inputs: rendered, fused and degraded surfaces."""

@@ -1,0 +1,81 @@
+"""Scenes through the whole reconstruction: recorded with noise, fused, kept with their truth."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from stack_counter.config import ReconstructorConfig
+from stack_counter.errors import StackCounterError
+from stack_counter.occupancy.maps import stack_maps
+from stack_counter.pipeline import StackCounter
+from stack_counter.sim import FOUND_AS, Scene, record, watch
+from stack_counter.train.data.heights import Sample, form_of, read_samples
+from stack_counter.types import StackVolume
+
+_VIEWS = 12
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A fused scene: its maps with the truth, and how V came out (m3)."""
+
+    sample: Sample
+    true_volume: float
+    volume: float
+    volume_std: float
+    found: bool  # the container, for what it is
+
+
+def reconstruct(scene: Scene, seed: int = 0, views: int = _VIEWS) -> StackVolume:
+    """V of a noisy recording of a scene, with the default settings.
+
+    Raises:
+        StackCounterError: the scan is refused.
+    """
+    stack = StackCounter(ReconstructorConfig())
+    stack.reset(scene.truth.unit_volume)
+    for view in record(scene, views, seed, color=False):
+        stack.add_view(view)
+    return stack.volume()
+
+
+def reconstruct_from_above(scene: Scene) -> StackVolume:
+    """V of a single noisy view of a fixed camera, as the continuous mode has it first.
+
+    Raises:
+        StackCounterError: the scan is refused.
+    """
+    stack = StackCounter(ReconstructorConfig(live=True))
+    stack.reset(scene.truth.unit_volume)
+    stack.add_view(watch([scene], color=False)[0])
+    return stack.volume()
+
+
+def scan(scene: Scene, one_view: bool = False) -> Scan | None:
+    """One scene, from an arc or from one view; None, with a line on stderr, if it is refused."""
+    truth, name = scene.truth, f"{scene.seed}:{scene.index}"
+    try:
+        volume = reconstruct_from_above(scene) if one_view else reconstruct(scene)
+        maps = stack_maps(volume, truth.unit_volume)
+    except StackCounterError as error:
+        print(f"scene {name}: {error}", file=sys.stderr)
+        return None
+    of = Sample(maps, truth.gamma, form_of(scene), truth.unit_volume ** (1 / 3), name,
+                scene.shape.family, scene.container.kind, truth.count, truth.fill)
+    return Scan(of, truth.stack_volume, volume.stack_volume, volume.stack_volume_std,
+                volume.container.kind == FOUND_AS[scene.container.kind])
+
+
+def read_scans(folder: Path) -> list[Scan]:
+    """All scans kept in a folder by `train.scans`."""
+    scans = []
+    for path in sorted(folder.glob("*.npz")):
+        with np.load(path, allow_pickle=False) as file:
+            more = file["more"]
+        scans += [Scan(sample, true, volume, std, bool(found))
+                  for sample, (true, volume, std, found) in zip(read_samples(path), more)]
+    return scans

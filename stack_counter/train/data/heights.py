@@ -1,0 +1,183 @@
+"""Height maps of simulated scenes as the network's maps: cast, seen by an arc of views, kept.
+
+Rays straight down give the ideal surface. What no view of a typical arc can see is then hidden and
+filled in by the run time's own rule. Noise and blur are drawn anew each time a scene is learnt
+from: `train.degrade`.
+"""
+
+from __future__ import annotations
+
+import zlib
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+from tqdm import tqdm
+
+from stack_counter import geometry
+from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, make_maps
+from stack_counter.reconstruction.stack_volume import filled
+from stack_counter.sim import Caster, Scene, read_shard
+
+_STEPS = 500  # of a height in l, as kept
+_VIEWS, _TILTS = 12, (12, 28, 42)  # of the arc, degrees from the vertical
+_TILT_SPREAD = 7.0  # degrees: of the arc, and of perspective across the stack
+_OUTSIDE = 6  # pixels around the opening in which the rim hides what lies below it
+_CACHE = "heights 3"
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One scene's maps and truth.
+
+    Attributes:
+        maps: of the surface that an arc of views sees.
+        gamma: true occupancy ratio.
+        form: (3,) log of part size / l, of convexity, and of surface / l2.
+        length_m: l, metres.
+        name: `seed:index` of the scene; family, kind of container, part count and fill as there.
+    """
+
+    maps: StackMaps
+    gamma: float
+    form: np.ndarray
+    length_m: float
+    name: str
+    family: str
+    kind: str
+    count: int
+    fill: float
+
+
+def cast(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ideal top and inner surface in l and whether they lie over the opening (heap: the stack),
+    each (rows, cols) at the network's resolution."""
+    length, box = scene.truth.unit_volume ** (1 / 3), scene.container
+    T, parts = box.T_world_container, scene.parts_mesh()
+    if box.kind == "none":
+        local = geometry.apply(geometry.inverse(T), parts.vertices.astype(float))[:, :2]
+        low, high = local.min(axis=0) - length / 2, local.max(axis=0) + length / 2
+    else:
+        low, high = box.opening.min(axis=0), box.opening.max(axis=0)
+    pitch = length / PIXELS_PER_LENGTH
+    cols, rows = np.maximum(np.round((high - low) / pitch).astype(int), 1)
+    grid = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1) + 0.5
+    xy = ((low + high) / 2 + (grid - np.array([cols, rows]) / 2) * pitch) @ T[:2, :2].T + T[:2, 3]
+    top, inside = Caster(parts).heights(xy), box.inner_mesh()
+    if inside is None:
+        top = np.maximum(top, 0) / length
+        stack = ndimage.binary_fill_holes(top > 0.05)
+        return top.astype(np.float32), np.zeros_like(top, np.float32), stack
+    inner = Caster(inside).heights(xy)
+    valid = np.isfinite(inner)
+    inner = np.where(valid, inner, 0)
+    top = np.where(valid, np.maximum(top, inner), 0)
+    return (top / length).astype(np.float32), (inner / length).astype(np.float32), valid
+
+
+def seen_by_arc(top: np.ndarray, valid: np.ndarray, rim: float, random: np.random.Generator
+                ) -> np.ndarray:
+    """(rows, cols) bool: cells that some view of an arc sees; heights and `rim` in l."""
+    around = np.pad(np.where(valid, top, rim), _OUTSIDE, constant_values=rim)
+    drop = float(around.max() - around.min())
+    turn = random.uniform(0, 2 * np.pi)
+    seen = np.zeros(top.shape, bool)
+    for i in range(_VIEWS):
+        tilt = np.deg2rad(_TILTS[i % 3] + random.uniform(-_TILT_SPREAD, _TILT_SPREAD))
+        angle = turn + 2 * np.pi * i / _VIEWS
+        rise = 1 / np.tan(max(tilt, 0.02)) / PIXELS_PER_LENGTH  # of the ray, l a pixel
+        blocked = np.zeros(top.shape, bool)
+        for step in range(1, min(int(drop / rise) + 1, 4 * PIXELS_PER_LENGTH)):
+            dy, dx = (int(round(step * f)) for f in (np.sin(angle), np.cos(angle)))
+            blocked |= _shifted(around, dy, dx, top.shape) > top + step * rise + 0.01
+        seen |= ~blocked
+    return seen & valid
+
+
+def _shifted(around: np.ndarray, dy: int, dx: int, shape: tuple[int, ...]) -> np.ndarray:
+    rows = np.clip(np.arange(shape[0]) + dy + _OUTSIDE, 0, around.shape[0] - 1)
+    cols = np.clip(np.arange(shape[1]) + dx + _OUTSIDE, 0, around.shape[1] - 1)
+    return around[rows[:, None], cols[None]]
+
+
+def sample(scene: Scene) -> Sample:
+    """A scene as an arc of views sees it."""
+    top, inner, valid = cast(scene)
+    length = scene.truth.unit_volume ** (1 / 3)
+    random = np.random.default_rng([scene.seed, scene.index, 0x5EE])
+    seen = seen_by_arc(top, valid, scene.container.rim_m / length, random)
+    if seen.any():
+        top = np.where(valid, filled(np.where(seen, top, np.nan), seen), 0).astype(np.float32)
+    maps = make_maps(top, inner, valid, walled=scene.container.kind != "none")
+    return Sample(maps, scene.truth.gamma, form_of(scene), length, f"{scene.seed}:{scene.index}",
+                  scene.shape.family, scene.container.kind, scene.truth.count, scene.truth.fill)
+
+
+def form_of(scene: Scene) -> np.ndarray:
+    """(3,) logs of part size, convexity and surface, lengths in l."""
+    shape, length = scene.shape, scene.truth.unit_volume ** (1 / 3)
+    return np.log([shape.part_size / length, shape.convexity,
+                   float(shape.mesh.area) / length**2]).astype(np.float32)
+
+
+def load_samples(folders: list[Path], cache: Path, workers: int) -> list[Sample]:
+    """All scenes with parts in them; a shard is cast once and kept below `cache`."""
+    paths = [path for folder in folders for path in sorted(folder.glob("shard_*.npz"))]
+    jobs = [(path, cache / f"{path.parent.name}_{path.stem}_{_digest(path)}.npz")
+            for path in paths]
+    cache.mkdir(parents=True, exist_ok=True)
+    missing = [job for job in jobs if not job[1].exists()]
+    if not missing:
+        return [sample for _, kept in jobs for sample in read_samples(kept)]
+    # Spawned: a forked process would inherit the threads of whatever was loaded before.
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        for _ in tqdm(pool.map(_keep, missing), total=len(missing), unit=" shards",
+                      desc="height maps"):
+            pass
+    return [sample for _, kept in jobs for sample in read_samples(kept)]
+
+
+def _digest(path: Path) -> str:
+    return f"{zlib.crc32(path.read_bytes() + _CACHE.encode()):08x}"
+
+
+def _keep(job: tuple[Path, Path]) -> None:
+    path, out = job
+    samples = [sample(scene) for scene in read_shard(path) if scene.truth.count]
+    write_samples(out, samples)
+
+
+def write_samples(out: Path, samples: list[Sample], **more: np.ndarray) -> None:
+    """Writes samples as `read_samples` reads them, beside arrays of the caller's, all or
+    nothing."""
+    def coded(heights: np.ndarray) -> np.ndarray:
+        return np.round(np.clip(heights, -65, 65) * _STEPS).astype(np.int16)
+
+    arrays = {f"{i}_{name}": value for i, s in enumerate(samples) for name, value in (
+        ("top", coded(s.maps.top)), ("height", coded(s.maps.height)),
+        ("valid", np.packbits(s.maps.valid)))}
+    facts = np.array([(s.gamma, *s.form, s.length_m, s.count, s.fill, s.kind != "none")
+                      for s in samples], np.float64)
+    half = out.with_suffix(".part")
+    with open(half, "wb") as file:
+        np.savez_compressed(file, **arrays, **more, facts=facts, names=[s.name for s in samples],
+                            families=[s.family for s in samples], kinds=[s.kind for s in samples])
+    half.replace(out)
+
+
+def read_samples(path: Path) -> list[Sample]:
+    """The samples of one file."""
+    samples = []
+    with np.load(path, allow_pickle=False) as file:
+        facts, names, families, kinds = (file[n] for n in ("facts", "names", "families", "kinds"))
+        for i, (gamma, *form, length, count, fill, walled) in enumerate(facts):
+            top, height = (file[f"{i}_{n}"].astype(np.float32) / _STEPS
+                           for n in ("top", "height"))
+            valid = np.unpackbits(file[f"{i}_valid"], count=top.size).reshape(top.shape) > 0
+            maps = make_maps(top, top - height, valid, bool(walled))
+            samples.append(Sample(maps, gamma, np.array(form, np.float32), length, str(names[i]),
+                                  str(families[i]), str(kinds[i]), int(count), fill))
+    return samples

@@ -1,0 +1,1 @@
+"""Camera messages and transforms become posed views."""

@@ -1,0 +1,199 @@
+"""Real DDS on a domain of its own: a test node that spins in the background, and processes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import TransformStamped
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import CameraInfo, Image
+from stack_counter_msgs.msg import ScanStatus
+from stack_counter_msgs.srv import StartScan
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+
+from stack_counter.ros.processes import private_environment
+from stack_counter.ros.to_msg import to_camera_info, to_header, to_image
+from stack_counter.types import Intrinsics
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PATIENCE_S = 60.0
+FRAME = "camera_color_optical_frame"
+
+
+class Harness:
+    """A node named `test`, its context, and the processes started for it."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.environment = private_environment()
+        os.environ.update(self.environment)
+        self.context = rclpy.context.Context()
+        rclpy.init(context=self.context, domain_id=int(self.environment["ROS_DOMAIN_ID"]))
+        self.node = rclpy.create_node("test", context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self._spinner = threading.Thread(target=self._spin, daemon=True)
+        self._spinner.start()
+        self.processes = []
+
+    def _spin(self):
+        try:
+            self._executor.spin()
+        except ExternalShutdownException:
+            pass
+
+    def start(self, name, **parameters):
+        """Starts one node as a process with these parameters."""
+        arguments = [x for key, value in parameters.items() for x in ("-p", f"{key}:={value}")]
+        log = open(self.folder / f"{name}.log", "wb")
+        process = subprocess.Popen(
+            [sys.executable, "-m", f"stack_counter.nodes.{name}", "--ros-args", *arguments],
+            env={**os.environ, **self.environment}, stdout=log, stderr=subprocess.STDOUT)
+        log.close()
+        self.processes.append(process)
+        return process
+
+    def log(self, name):
+        """What a node has printed."""
+        return (self.folder / f"{name}.log").read_text()
+
+    def listen(self, kind, topic, qos=QoSProfile(depth=300)):
+        """A list that grows by the messages of a topic."""
+        messages = []
+        self.node.create_subscription(kind, topic, messages.append, qos)
+        return messages
+
+    def call(self, kind, name, request):
+        """A service's answer."""
+        client = self.node.create_client(kind, name)
+        assert client.wait_for_service(PATIENCE_S), f"no service {name}"
+        future = client.call_async(request)
+        self.wait(future.done, f"an answer of {name}")
+        return future.result()
+
+    def insist(self, kind, name):
+        """Calls a service without arguments until it answers: a request to a server that is just
+        being matched can get lost."""
+        client = self.node.create_client(kind, name)
+        assert client.wait_for_service(PATIENCE_S), f"no service {name}"
+        for _ in range(20):
+            future = client.call_async(kind.Request())
+            deadline = time.monotonic() + 3
+            while not future.done() and time.monotonic() < deadline:
+                threading.Event().wait(0.01)
+            if future.done():
+                return future.result()
+        raise AssertionError(f"no answer of {name}")
+
+    def wait(self, condition, what, seconds=PATIENCE_S):
+        """Waits until the condition holds; fails the test otherwise."""
+        deadline = time.monotonic() + seconds
+        tick = threading.Event()
+        while not condition():
+            assert time.monotonic() < deadline, f"waited {seconds} s for {what}"
+            for process in self.processes:
+                assert process.poll() is None, f"a node ended while waiting for {what}"
+            tick.wait(0.01)
+
+    def matched(self, *publishers):
+        """Waits until every publisher has a subscriber."""
+        self.wait(lambda: all(p.get_subscription_count() for p in publishers), "subscribers")
+
+    def heard_by_collector(self, *publishers):
+        """Waits until the collector itself says that it hears these publishers."""
+        topics = {p.topic_name for p in publishers}
+
+        def heard():
+            answer = self.call(StartScan, "/stack_counter/start_scan", StartScan.Request())
+            self.call(Trigger, "/stack_counter/reset", Trigger.Request())
+            return answer.accepted and not topics & set(answer.unmatched_topics)
+
+        self.matched(*publishers)
+        self.wait(heard, f"the collector to hear {sorted(topics)}")
+
+    def close(self):
+        """Stops everything."""
+        for process in self.processes:
+            process.terminate()
+        for process in self.processes:
+            process.wait(10)
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+        self._spinner.join()
+
+
+class Camera:
+    """A colour camera on the default topics, with TF."""
+
+    def __init__(self, ros, intrinsics=Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5),
+                 qos=QoSProfile(depth=30), heard=True):
+        self.k = intrinsics
+        self.color = ros.node.create_publisher(Image, "/camera/color/image_raw", qos)
+        self.info = ros.node.create_publisher(CameraInfo, "/camera/color/camera_info", qos)
+        self.tf = ros.node.create_publisher(TFMessage, "/tf", QoSProfile(depth=1000))
+        self._pictures = {}
+        if heard:
+            ros.heard_by_collector(self.color, self.info, self.tf)
+
+    def picture(self, k):
+        """A sharp picture of a size."""
+        if k not in self._pictures:
+            self._pictures[k] = np.random.default_rng(0).integers(
+                0, 255, (k.height, k.width, 3), np.uint8)
+        return self._pictures[k]
+
+    def pose(self, i, beside_ns=0):
+        """TF of view i."""
+        t = TransformStamped(header=to_header((i + 1) * 10**9 + beside_ns, "base_link"),
+                             child_frame_id=FRAME)
+        t.transform.translation.x = 0.01 * i
+        self.tf.publish(TFMessage(transforms=[t]))
+
+    def __call__(self, i, with_tf=True, k=None, image=None):
+        """Publishes view number i, taken at i + 1 s."""
+        k = k or self.k
+        header = to_header((i + 1) * 10**9, FRAME)
+        if with_tf:
+            self.pose(i, -20_000_000)
+            self.pose(i, 20_000_000)
+        self.info.publish(to_camera_info(k, header))
+        self.color.publish(image or to_image(self.picture(k), "rgb8", header))
+
+
+class Taker:
+    """Plays the reconstructor: takes posed images and says so."""
+
+    def __init__(self, ros):
+        from stack_counter_msgs.msg import PosedImage
+
+        self.images = []
+        self._status = ros.node.create_publisher(ScanStatus, "/stack_counter/scan_status",
+                                                 QoSProfile(depth=100))
+        ros.node.create_subscription(PosedImage, "/stack_counter/posed_images", self._take,
+                                     QoSProfile(depth=100))
+        ros.node.create_subscription(ScanStatus, "/stack_counter/scan_status", self._on_status,
+                                     QoSProfile(depth=100))
+        ros.matched(self._status)
+        self._status.publish(ScanStatus(node="reconstructor"))
+
+    def _say(self, scan_id, state=ScanStatus.SCANNING):
+        received = sum(m.scan_id == scan_id for m in self.images)
+        self._status.publish(ScanStatus(node="reconstructor", scan_id=scan_id, state=state,
+                                        received=received))
+
+    def _take(self, message):
+        self.images.append(message)
+        self._say(message.scan_id)
+
+    def _on_status(self, message):
+        if message.node == "collector" and message.state == ScanStatus.STOPPED:
+            self._say(message.scan_id, ScanStatus.STOPPED)

@@ -1,0 +1,94 @@
+"""The network: shapes, learning, and what its weights file may not be."""
+
+import pickle
+
+import pytest
+import torch
+from kits.surfaces import SCORES, inputs
+from safetensors.torch import save_file
+
+from stack_counter.errors import WeightsError
+from stack_counter.occupancy.gamma_net import FORM, GammaNet, NetConfig, load_members, save_members
+from stack_counter.occupancy.maps import CHANNELS, TILE
+
+SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)
+def test_shapes_and_finite_values():
+    mean, scale, form = GammaNet(SMALL).eval()(inputs(3))
+    assert mean.shape == scale.shape == (3,) and form.shape == (3, FORM)
+    assert torch.isfinite(torch.cat([mean, scale, form.ravel()])).all()
+
+
+def test_an_empty_tile_gives_finite_values():
+    out = GammaNet(SMALL).eval()(torch.zeros(2, CHANNELS, TILE, TILE))
+    assert all(torch.isfinite(part).all() for part in out)
+
+
+def test_padding_does_not_matter_to_the_pooling():
+    """The stack in the middle of nothing, moved by whole strides, gives the same answer."""
+    net = GammaNet(SMALL).eval()
+    x = torch.zeros(2, CHANNELS, TILE + 64, TILE + 64)
+    x[0, :, 32:32 + TILE, 32:32 + TILE] = inputs(1)[0]
+    x[1, :, 48:48 + TILE, 16:16 + TILE] = inputs(1)[0]
+    with torch.no_grad():
+        mean = net(x)[0]
+    assert float(mean[0]) == pytest.approx(float(mean[1]), abs=1e-4)
+
+
+def test_it_learns_four_samples_by_heart():
+    torch.manual_seed(0)
+    net, x, gamma = GammaNet(SMALL), inputs(4), torch.tensor([0.2, 0.4, 0.6, 0.8])
+    y = torch.cat([torch.log(gamma)[:, None], torch.zeros(4, FORM)], 1)
+    optimizer = torch.optim.Adam(net.parameters(), 5e-3)
+    net.train()
+    for _ in range(120):
+        loss = net.loss(x, y)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+    net.head.eval()  # without dropout
+    with torch.no_grad():
+        guess = torch.exp(net(x)[0])
+    assert float((guess - gamma).abs().max()) < 0.1
+
+
+def test_members_and_calibration_come_back_as_written(tmp_path):
+    nets = [GammaNet(SMALL).eval() for _ in range(2)]
+    save_members(tmp_path / "w.safetensors", nets, {"version": "x"}, SCORES)
+    back, facts, more = load_members(tmp_path / "w.safetensors")
+    x = inputs(2)
+    with torch.no_grad():
+        for a, b in zip(nets, back):
+            assert torch.allclose(a(x)[0], b(x)[0], atol=5e-3)  # kept in half precision
+    assert facts["version"] == "x" and facts["members"] == "2"
+    assert torch.equal(more["scores"], SCORES["scores"])
+
+
+def test_what_is_no_weights_file_is_refused(tmp_path):
+    path = tmp_path / "w.safetensors"
+    with pytest.raises(WeightsError, match="no weights file"):
+        load_members(path)
+    path.write_bytes(pickle.dumps({"0.head": 1}))
+    with pytest.raises(WeightsError, match="not a whole safetensors file"):
+        load_members(path)
+    save_members(path, [GammaNet(SMALL)], {}, SCORES)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(WeightsError, match="not a whole safetensors file"):
+        load_members(path)
+    save_file({"a": torch.zeros(1)}, path, metadata={"format": "other 2"})
+    with pytest.raises(WeightsError, match="is 'other 2'; expected 'stack_counter gamma 1'"):
+        load_members(path)
+
+
+def test_weights_that_do_not_fit_their_configuration_are_refused(tmp_path):
+    path = tmp_path / "w.safetensors"
+    net = GammaNet(SMALL)
+    with torch.no_grad():
+        net.head[0].weight[0, 0] = float("nan")
+    save_members(path, [net], {}, SCORES)
+    with pytest.raises(WeightsError, match="NaN"):
+        load_members(path)
+    save_file({"0.head.0.weight": torch.zeros(3, 3)}, path, metadata={
+        "format": "stack_counter gamma 1", "members": "1",
+        "config": '{"widths": [8, 8, 16, 16], "blocks": [1, 1, 1, 1], "hidden": 16}'})
+    with pytest.raises(WeightsError, match="does not hold the networks it names"):
+        load_members(path)

@@ -1,0 +1,137 @@
+"""The network as an estimator: which stacks it knows, and what it says of others."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from kits.surfaces import hills, stack
+
+from stack_counter.config import CounterConfig
+from stack_counter.errors import ScanError, WeightsError
+from stack_counter.occupancy.baselines import Baselines, Prior, make_estimator
+from stack_counter.occupancy.gamma_net import GammaNet, NetConfig, save_members, save_tuning
+from stack_counter.occupancy.maps import describe, stack_maps
+from stack_counter.occupancy.network import Network, predict
+from stack_counter.parts.catalogue import Part
+from stack_counter.parts.informed_gamma import estimate_part, for_part
+
+V = 0.012**3
+
+
+@pytest.fixture
+def weights(tmp_path):
+    """An untrained ensemble that knows surfaces like `hills`."""
+    torch.manual_seed(1)
+    nets = [GammaNet(NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)) for _ in range(2)]
+    middle = describe(stack_maps(stack(hills(1.0)), V))
+    path = tmp_path / "w.safetensors"
+    save_members(path, nets, {"version": "test"}, {
+        "scores": torch.linspace(-2, 2, 41), "scores_one_side": torch.linspace(-3, 3, 21),
+        "centers": torch.tensor([0.1, 0.0]), "middle": torch.tensor(middle),
+        "whiten": torch.eye(6, dtype=torch.double) / 0.2, "reach": torch.tensor([3.0])})
+    return path
+
+
+def network(path):
+    return Network(path, Prior(Baselines()))
+
+
+def test_it_says_gamma_and_who_it_is(weights):
+    estimate = network(weights).estimate(stack(hills(1.0)), V)
+    assert 0 < estimate.gamma < 1 and estimate.gamma_std > 0
+    assert estimate.estimator == "network test" and estimate.reasons == ()
+    assert len(estimate.scores) == 41
+
+
+def test_a_stack_seen_from_one_side_has_scores_of_its_own(weights):
+    seen = replace(stack(hills(1.0)), reasons=("one_side",))
+    one, other = (network(weights).estimate(s, V) for s in (seen, stack(hills(1.0))))
+    assert len(one.scores) == 21
+    assert other.gamma == pytest.approx(one.gamma * np.exp(0.1))
+
+
+def test_the_same_stack_gives_the_same_answer(weights):
+    said = {network(weights).estimate(stack(hills(1.0)), V).gamma for _ in range(3)}
+    assert len(said) == 1
+
+
+def test_tiles_count_by_what_stands_in_them(weights):
+    """A stack beside an empty floor is the stack alone."""
+    net, = [network(weights)]
+    alone = np.full((90, 90), 0.05)
+    wide = np.full((90, 400), 0.01)
+    wide[:, :90] = alone
+    maps = [stack_maps(stack(h, 0.01), V) for h in (alone, wide)]
+    one, other = (np.exp(predict(net._members, m)[0]) for m in maps)
+    assert one == pytest.approx(other, rel=0.3)
+
+
+def test_a_wrong_part_size_is_noticed_and_widens_the_interval(weights):
+    right = network(weights).estimate(stack(hills(1.0)), V)
+    wrong = network(weights).estimate(stack(hills(1.0)), 64 * V)
+    assert "unlike_training" in wrong.reasons
+    assert wrong.gamma_std / wrong.gamma > right.gamma_std / right.gamma
+
+
+def test_a_layer_of_few_parts_says_so(weights):
+    estimate = network(weights).estimate(stack(np.full((30, 30), 0.003)), 0.02**3)
+    assert {"shallow_stack"} <= set(estimate.reasons)
+
+
+def test_without_depth_the_prior_answers(weights):
+    estimate = network(weights).estimate(stack(None), V)
+    assert estimate.estimator.startswith("prior") and "no_depth" in estimate.reasons
+
+
+def test_an_empty_container_needs_no_gamma(weights):
+    assert network(weights).estimate(stack(np.full((50, 50), 0.01), 0.01), V).reasons == ()
+
+
+def test_nan_heights_everywhere_are_refused(weights):
+    with pytest.raises(ScanError, match="0 of 100 cells"):
+        network(weights).estimate(stack(np.full((10, 10), np.nan)), V)
+
+
+def test_weights_without_calibration_are_refused(tmp_path):
+    path = tmp_path / "w.safetensors"
+    save_members(path, [GammaNet(NetConfig((8, 8, 8, 8), (1, 1, 1, 1), 8))], {}, {})
+    with pytest.raises(WeightsError, match="calibration"):
+        make_estimator(CounterConfig(estimator="network", weights=str(path)))
+
+
+def test_tuned_last_layers_say_what_the_ridge_wants(weights, tmp_path):
+    net, volume, path = network(weights), stack(hills(1.0)), tmp_path / "t.safetensors"
+    read = net.hidden(volume, V)
+    assert read.shape == (2, 16)
+    save_tuning(path, 0.1 * read / (read**2).sum(axis=1, keepdims=True), 0.05, net.name)
+    before, after = (n.estimate(volume, V).gamma for n in (net, net.tuned(path)))
+    assert np.log(after / before) == pytest.approx(0.15, abs=1e-3)
+    assert net.estimate(volume, V).gamma == before, "the network itself stays"
+    name = net.tuned(path).name
+    assert name.startswith("network test, tuned ")
+    save_tuning(path, np.zeros((2, 16)), 0.05, net.name)
+    assert net.tuned(path).name != name, "other changes, another name"
+
+
+def test_tuned_layers_of_another_network_are_refused(weights, tmp_path):
+    path = tmp_path / "t.safetensors"
+    save_tuning(path, np.zeros((2, 16)), 0.0, "network 9")
+    with pytest.raises(WeightsError, match="tuned from 'network 9'; expected 'network test'"):
+        network(weights).tuned(path)
+    with pytest.raises(WeightsError, match="expected 'stack_counter tuning 1'"):
+        network(weights).tuned(weights)
+    with pytest.raises(WeightsError, match="no whole safetensors file"):
+        network(weights).tuned(tmp_path / "none")
+
+
+def test_a_part_with_tuned_layers_is_counted_by_them(weights, tmp_path):
+    net, path = network(weights), tmp_path / "t.safetensors"
+    save_tuning(path, np.zeros((2, 16)), 0.2, net.name)
+    part = Part(V, "nut", tuned=path)
+    assert "tuned" in for_part(net, part).name and for_part(net, Part(V)) is net
+    assert for_part(Prior(Baselines()), part).name == "prior (baseline)"
+    gamma = estimate_part(stack(hills(1.0)), part, net).gamma
+    assert gamma == pytest.approx(net.estimate(stack(hills(1.0)), V).gamma * np.exp(0.2))
+    save_tuning(path, np.zeros((2, 16)), 0.3, net.name)
+    assert estimate_part(stack(hills(1.0)), part, net).gamma > gamma, "a changed file is read"

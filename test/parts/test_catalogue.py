@@ -1,0 +1,103 @@
+"""The part catalogue: what it holds, what of it is refused, and that nothing gets lost."""
+
+from dataclasses import replace
+
+import pytest
+from kits.known_parts import COUNTED, model
+
+from stack_counter.errors import ConfigError, PartError
+from stack_counter.parts.catalogue import Part, load_parts, remove_part, resolve_part, save_part
+from stack_counter.parts.gamma_model import PartModels
+
+
+def test_a_part_survives_the_file(tmp_path):
+    path = tmp_path / "parts.yaml"
+    PartModels("network 7", model(), model(), "64 piles").write(tmp_path / "parts" / "nut.json")
+    part = Part(6.0e-6, "nut: #1", 1e-8, tmp_path / "nut.stl", 2700.0, (0.2, 0.5),
+                tmp_path / "parts" / "nut.json", tmp_path / "parts" / "nut.safetensors",
+                "from nut.stl", (COUNTED, COUNTED))
+    save_part(part, path)
+    save_part(Part(1e-6, "other"), path)
+    parts = load_parts(path)
+    assert set(parts) == {"nut: #1", "other"}
+    again = parts["nut: #1"]
+    assert replace(again, unit_volume=part.unit_volume, unit_volume_std=1e-8) == part
+    assert again.unit_volume == pytest.approx(6.0e-6, rel=1e-12)
+    assert again.models.made == "64 piles" and "parts/nut.json" in path.read_text()
+    remove_part("nut: #1", path)
+    assert set(load_parts(path)) == {"other"}
+    with pytest.raises(PartError, match="unknown part 'nut: #1'; expected one of"):
+        remove_part("nut: #1", path)
+
+
+def test_what_could_not_be_read_again_is_not_written(tmp_path):
+    path = tmp_path / "parts.yaml"
+    save_part(Part(1e-6, "good"), path)
+    with pytest.raises(ConfigError, match="friction"):
+        save_part(Part(1e-6, "bad", friction=(0.2, 3.0)), path)
+    assert set(load_parts(path)) == {"good"}
+
+
+@pytest.mark.parametrize("text, what", [
+    ("parts: {a: {unit_volume_cm3: 1, colour: red}}", "key 'colour'"),
+    ("parts: {a: {mesh: x.stl}}", "no unit_volume_cm3"),
+    ("parts: {a: {unit_volume_cm3: -1}}", "-1"),
+    ("parts: {a: {unit_volume_cm3: many}}", "'a': unit_volume_cm3 'many'"),
+    ("parts: {a: {unit_volume_cm3: true}}", "'a': unit_volume_cm3 True"),
+    ("parts: {a: {unit_volume_cm3: 1, friction: [a, 1]}}", "'a': friction 'a'"),
+    ("parts: {a: {unit_volume_cm3: 1, friction: [0.2, 3]}}", "'a': friction [0.2, 3]"),
+    ("parts: {a: {unit_volume_cm3: 1, counted: 5}}", "'a': counted 5"),
+    ("parts: {1: {unit_volume_cm3: 1}, '1': {unit_volume_cm3: 2}}", "two entries '1'"),
+    ("parts: {a: {unit_volume_cm3: 1}, a: {unit_volume_cm3: 2}}", "two entries 'a'"),
+    ("parts: {a: {unit_volume_cm3: 1, unit_volume_cm3: 2}}", "two entries"),
+    ("parts: {a: {unit_volume_cm3: 1, friction: [0.7, 0.2]}}", "friction"),
+    ("parts: {a: {unit_volume_cm3: 1, density_g_cm3: -2}}", "density_g_cm3"),
+    ("parts: {a: {unit_volume_cm3: 1, counted: [{count: 3}]}}", "counted"),
+    ("parts: {a: 5}", "keys needed"), ("teile: {}", "teile"), ("5", "5"), ("parts: [", "line"),
+])
+def test_a_catalogue_edited_wrongly_says_where(tmp_path, text, what):
+    path = tmp_path / "parts.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_parts(path)
+    message = str(caught.value)
+    assert what in message and "expected" in message and "\n" not in message
+
+
+def test_a_counted_scan_with_impossible_numbers_is_refused(tmp_path):
+    path = tmp_path / "parts.yaml"
+    save_part(Part(1e-6, "a", counted=(COUNTED,)), path)
+    path.write_text(path.read_text().replace('"count": 240', '"count": -1'))
+    with pytest.raises(ConfigError, match="-1"):
+        load_parts(path)
+
+
+def test_names_and_volumes_resolve(tmp_path):
+    path = tmp_path / "parts.yaml"
+    save_part(Part(2e-6, "nut", counted=(COUNTED,)), path)
+    assert resolve_part("nut", 0.0, str(path)).counted == (COUNTED,)
+    assert resolve_part("nut", 2e-6, str(path)).counted == (COUNTED,)
+    assert resolve_part("nut", 3e-6, str(path)) == Part(3e-6, "nut", overridden=True)
+    assert resolve_part("bolt", 3e-6, str(path)) == Part(3e-6, "bolt")
+    assert resolve_part("", 3e-6) == Part(3e-6)
+    with pytest.raises(PartError, match=r"unknown part 'bolt'; expected one of \['nut'\]"):
+        resolve_part("bolt", 0.0, str(path))
+    with pytest.raises(PartError, match="expected one of them"):
+        resolve_part("", 0.0)
+    with pytest.raises(PartError, match="above 0"):
+        resolve_part("", -1.0)
+    with pytest.raises(ConfigError, match="no part catalogue"):
+        resolve_part("nut", 0.0, str(tmp_path / "none.yaml"))
+
+
+def test_a_prior_that_is_gone_is_told(tmp_path):
+    path = tmp_path / "parts.yaml"
+    save_part(Part(2e-6, "nut", gamma_prior=tmp_path / "nut.json"), path)
+    with pytest.raises(PartError, match="no gamma prior"):
+        resolve_part("nut", 0.0, str(path))
+
+
+def test_the_shipped_catalogue_can_be_read():
+    parts = load_parts()
+    assert parts["pasta_spiral"].unit_volume == pytest.approx(1.05476e-6)
+    assert all(part.models is not None for part in parts.values() if part.gamma_prior)

@@ -1,0 +1,62 @@
+"""Simulated piles of one part, on the rig that the settings describe."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from kits.known_parts import Says, scan
+
+from stack_counter.config import Config, CounterConfig, ReconstructorConfig
+from stack_counter.container.catalogue import TaughtContainer, save_container
+from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall
+from stack_counter.errors import ScanError
+from stack_counter.teaching.add_part import make_order
+from stack_counter.teaching.simulated_piles import make_pile, read, rig_container, scaled
+
+BLOCK = trimesh.creation.box((0.03, 0.02, 0.02))
+
+
+def test_a_configured_container_is_the_one_simulated():
+    config = ReconstructorConfig(container_kind="round", container_inner_size_m=(0.2, 0.2, 0.1),
+                                 container_wall_m=0.004)
+    made = rig_container(config)
+    assert (made.kind, made.inner_size_m) == ("cylinder", (0.2, 0.2, 0.1))
+    assert made.wall_thickness_m == made.floor_thickness_m == 0.004
+    assert rig_container(ReconstructorConfig()) is None
+    assert rig_container(replace(config, container_inner_size_m=(0.0, 0.0, 0.0))) is None
+    assert scaled(made, 1.1).inner_size_m == pytest.approx((0.22, 0.22, 0.11))
+
+
+@pytest.mark.parametrize("form, kind, size", [
+    (BoxWall(np.array([0, 0, 0, 0.308, 0.208, 0.1])), "bin", (0.3, 0.2, 0.1)),
+    (RoundWall(np.array([0, 0, 0.104, 0.0, 0.0])), "cylinder", (0.2, 0.2, 0.1)),
+    (FreeWall(np.concatenate([[0.104], np.zeros(26)]), np.zeros(2)), "bag", (0.2, 0.2, 0.1))])
+def test_a_taught_container_is_the_one_simulated(tmp_path, form, kind, size):
+    path = tmp_path / "containers.yaml"
+    save_container("mine", TaughtContainer(form, 0.004, 0.005, 0.105), path)
+    made = rig_container(ReconstructorConfig(container="mine", container_catalogue=str(path)))
+    assert made.kind == kind and made.inner_size_m == pytest.approx(size, abs=2e-3)
+    assert made.draft_rad == pytest.approx(np.arctan(0.1) if kind == "bin" else 0.0, abs=1e-3)
+
+
+def test_a_scan_that_shows_nothing_of_a_pile_is_none():
+    with pytest.raises(ScanError, match="V of 50 parts is 0.0 m3; expected some"):
+        read(replace(scan(), stack_volume=0.0), 1e-6, Says(), 50)
+    assert np.exp(read(scan(), 1e-6, Says(), 120).true) == pytest.approx(0.5)
+
+
+def test_a_pile_is_seen_from_around_and_from_above():
+    pytest.importorskip("sapien", reason="the physics engine has no wheel for this Python")
+    size = (0.12, 0.1, 0.06)
+    config = Config(reconstructor=ReconstructorConfig(container_kind="box",
+                                                      container_inner_size_m=size),
+                    counter=CounterConfig(estimator="prior"))
+    order = make_order(BLOCK.vertices, BLOCK.faces, config, (0.3, 0.4))
+    pile, same = make_pile(order, 3), make_pile(order, 3)
+    assert pile == same, "depends on order and index alone"
+    length = (0.03 * 0.02 * 0.02) ** (1 / 3)
+    for seen in (pile.arc, pile.above):
+        assert 0.3 <= seen.friction <= 0.4 and 0 < seen.volume_std < 0.3
+        assert 0.35 < np.exp(seen.reading.true) < 0.85
+        assert 0.7 < seen.reading.width * length / np.sqrt(size[0] * size[1]) < 1.3

@@ -1,0 +1,79 @@
+"""Folds of families, degraded maps and turned tiles."""
+
+import numpy as np
+import pytest
+
+from stack_counter.occupancy.maps import TILE, channels, make_maps
+from stack_counter.train.data.batches import FOLDS, batches, blinded, fold_of, group_of, tile_of
+from stack_counter.train.data.degrade import degraded
+from stack_counter.train.data.heights import Sample, read_samples, write_samples
+
+
+def sample(rows=60, cols=90, gamma=0.5, family="nut", walled=True):
+    y, x = np.mgrid[:rows, :cols] / 8
+    top = (3 + 0.5 * np.sin(2 * x) * np.cos(2 * y)).astype(np.float32)
+    maps = make_maps(top, np.full_like(top, 0.5), np.ones_like(top, bool), walled)
+    return Sample(maps, gamma, np.array([0.7, -0.5, 1.9], np.float32), 0.012, "1:2", family,
+                  "bin" if walled else "none", 40, 0.6)
+
+
+def test_no_group_of_families_is_split_and_all_folds_are_used():
+    families = [f"{begin}_{end}" for begin in "abcdefghijkl" for end in ("x", "y")]
+    folds = fold_of(families)
+    assert set(folds.values()) == set(range(FOLDS))
+    for family in families:
+        assert folds[family] == folds[f"{group_of(family)}_x"]
+    assert folds == fold_of(families[::-1])
+
+
+@pytest.mark.parametrize("rows, cols", [(30, 40), (112, 112), (300, 90)])
+def test_a_tile_keeps_the_heights_it_shows(rows, cols):
+    of = sample(rows, cols).maps
+    for seed in range(6):
+        tile = tile_of(of, np.random.default_rng(seed))
+        assert tile.top.shape == (TILE, TILE)
+        assert tile.valid.sum() > 0.5 * min(rows, 100) * min(cols, 100)
+        assert 2.4 < tile.top[tile.valid].min() and tile.top.max() < 3.6
+        assert tile.height[tile.valid].mean() == pytest.approx(2.5, abs=0.2)
+        assert not tile.top[~tile.valid].any()
+
+
+def test_degradation_smooths_and_keeps_the_mean():
+    of = sample()
+    out = degraded(of, np.random.default_rng(0))
+    assert out.height.mean() == pytest.approx(of.maps.height.mean(), abs=0.1)
+    bend = [np.abs(np.diff(m.top, 2)).mean() for m in (of.maps, out)]
+    assert bend[1] != bend[0] and np.array_equal(out.valid, of.maps.valid)
+    assert out.wall is of.maps.wall
+
+
+def test_a_blinded_tile_shows_neither_wall_nor_floor():
+    of = sample().maps
+    deep = make_maps(of.top + 5, of.top - of.height, of.valid, True)
+    x, y = blinded(channels(of)), blinded(channels(deep))
+    np.testing.assert_allclose(x, y, atol=1e-5)
+    assert (x[2] == x[1]).all()
+
+
+def test_batches_depend_on_the_seed_alone():
+    samples = [sample(gamma=g) for g in (0.3, 0.6)]
+    weights = np.array([1.0, 3.0])
+    one, two, other = ([(x.numpy(), y.numpy()) for x, y in
+                        batches(samples, [False, True], weights, 4, 3, seed)]
+                       for seed in ((0, 1), (0, 1), (0, 2)))
+    assert len(one) == 3 and one[0][0].shape == (4, 4, TILE, TILE)
+    np.testing.assert_array_equal(one[2][0], two[2][0])
+    assert not np.array_equal(one[0][0], other[0][0])
+    logs = np.concatenate([y[:, 0] for _, y in one])
+    assert set(np.round(np.exp(logs), 3)) <= {np.float32(0.3), np.float32(0.6)}
+
+
+def test_samples_come_back_from_their_file(tmp_path):
+    samples = [sample(), sample(20, 30, 0.3, "tube", walled=False)]
+    write_samples(tmp_path / "s.npz", samples, more=np.arange(2))
+    for a, b in zip(samples, read_samples(tmp_path / "s.npz")):
+        np.testing.assert_allclose(a.maps.top, b.maps.top, atol=0.002)
+        np.testing.assert_allclose(a.maps.height, b.maps.height, atol=0.004)
+        np.testing.assert_allclose(a.maps.wall, b.maps.wall, atol=1e-6)
+        assert (a.gamma, a.name, a.family, a.kind, a.count) == (
+            b.gamma, b.name, b.family, b.kind, b.count)

@@ -1,0 +1,71 @@
+"""Rig files: what they may say, and that several assemblers act as one."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stack_counter.config import CollectorConfig
+from stack_counter.errors import ConfigError
+from stack_counter.views.rig import RigAssembler, rig_of
+
+ROOT = Path(__file__).parents[2]
+
+
+def rig(path, **settings):
+    return rig_of(CollectorConfig(rig=str(path), **settings))
+
+
+def test_the_example_is_one():
+    of = rig(ROOT / "config" / "rig_example.yaml")
+    left, right = of.cameras
+    assert (left.name, left.frame, left.T_world_camera) == ("left", "left_optical_frame", None)
+    assert right.T_world_camera[:3, 3].tolist() == [0.21557, -0.020219, 0.4197]
+    assert np.allclose(right.T_world_camera[:3, :3] @ right.T_world_camera[:3, :3].T, np.eye(3))
+    assert (of.tolerance_s, of.timeout_s) == (0.05, 0.5)
+    assert RigAssembler(of).needs_tf
+    assert RigAssembler(of).color_topics() == ["/left/color/image_raw/compressed",
+                                               "/right/color/image_raw/compressed"]
+
+
+def test_without_a_file_there_is_one_camera_as_configured():
+    one = rig_of(CollectorConfig(color_topic="/c", depth_topic=""))
+    assert [c.name for c in one.cameras] == [""]
+    assert list(RigAssembler(one).takers()) == ["/c", "/camera/color/camera_info"]
+
+
+def test_a_cycle_counts_whether_anything_has_changed_or_not():
+    assert rig_of(CollectorConfig(mode="cycle")).cameras[0].config.min_change == 0
+    assert rig_of(CollectorConfig()).cameras[0].config.min_change > 0
+
+
+CAMERA = "{color_topic: /a, camera_info_topic: /i}"
+
+
+@pytest.mark.parametrize("text, said", [
+    ("cameras: [", "is not YAML"),
+    ("- a", "lacks cameras"),
+    ("cameras: {}", "lacks cameras"),
+    ("cameras: {a: {color_topic: /a}}", "expected color_topic and camera_info_topic"),
+    ("cameras: {a: {colour: /a}}", "expected some of"),
+    (f"cameras: {{a: {CAMERA}, b: {CAMERA}}}", "two cameras on one color_topic"),
+    (f"cameras: {{a: {CAMERA}}}\nposes: 1", "unknown \\['poses'\\]"),
+    ("cameras: {a: {color_topic: 3, camera_info_topic: /i}}", "color_topic is 3; expected str"),
+    ("cameras: {a: {color_topic: /a, camera_info_topic: /i, pose: {xyz_m: [0, 0, 1]}}}",
+     "expected xyz_m of three numbers and quaternion_xyzw"),
+    ("cameras: {a: {color_topic: /a, camera_info_topic: /i, pose: {xyz_m: [0, 0, 1], "
+     "quaternion_xyzw: [1, 1, 1, 1]}}}", "of length 1"),
+    (f"cameras: {{a: {CAMERA}}}\ntrigger: {{tolerance_s: -1}}", "tolerance_s is -1"),
+    (f"cameras: {{a: {CAMERA}}}\ntrigger: {{when: 1}}", "expected some of"),
+])
+def test_bad_files_are_named(tmp_path, text, said):
+    path = tmp_path / "rig.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=said) as caught:
+        rig(path)
+    assert "\n" not in str(caught.value) and "rig.yaml" in str(caught.value)
+
+
+def test_a_missing_file_is_named():
+    with pytest.raises(ConfigError, match="no rig file /nowhere"):
+        rig("/nowhere")
