@@ -26,7 +26,7 @@ def config_path(name: str) -> Path:
     raise ConfigError(f"no {name} in {[str(f) for f in folders]}; expected it in one of them")
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_atomically(path: Path, text: str) -> None:
     """Writes a file; whoever reads meanwhile finds the old text or the new. Raises OSError."""
     half = path.with_suffix(".part")
     half.write_text(text)

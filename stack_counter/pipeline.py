@@ -17,29 +17,29 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import configured_container
-from stack_counter.container.detection import find_container, from_one_side
+from stack_counter.container.detection import find_container, seen_from_one_side
 from stack_counter.container.placement import place_container
 from stack_counter.counting import make_count
 from stack_counter.display.mesh_colors import color_mesh
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.fusion.leveling import leveled
+from stack_counter.fusion.leveling import level_to_support
 from stack_counter.fusion.region import Region, crop_to_region, find_region, grow, world_points
-from stack_counter.fusion.tsdf import TopView, Tsdf
+from stack_counter.fusion.tsdf import FusedSurface, Tsdf
 from stack_counter.fusion.voxel_size import COARSEST, automatic_voxel_size
 from stack_counter.multiview import visual_hull
-from stack_counter.multiview.scan import DepthScan, depth_scan
+from stack_counter.multiview.scan import StereoScan, depth_scan
 from stack_counter.occupancy.baselines import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
-from stack_counter.parts.informed_gamma import estimate_part
+from stack_counter.parts.informed_gamma import estimate_occupancy
 from stack_counter.reconstruction.plausibility import (
     check_agreement,
-    cut_everywhere,
-    other_container,
+    second_container,
+    stack_leaves_every_image,
 )
-from stack_counter.reconstruction.stack_volume import Measure, measure
+from stack_counter.reconstruction.stack_volume import MeasuredStack, measure_stack
 from stack_counter.segmentation import Segmenter
 from stack_counter.segmentation.from_container import Geometric
-from stack_counter.segmentation.labels import GivenLabels, label_image
+from stack_counter.segmentation.labels import GivenLabels, require_labels
 from stack_counter.segmentation.scan_labels import ScanLabels
 from stack_counter.types import (
     BACKGROUND,
@@ -80,7 +80,7 @@ class StackCounter:
         self._labels.reset()
         self._segmenter: Segmenter = GivenLabels()  # of the last volume
         self._tsdf: Tsdf | None = None  # once it is known where the stack is
-        self._surface: TopView | None = None  # of the last volume
+        self._surface: FusedSurface | None = None  # of the last volume
         self._region: Region | None = None
         self._rivals: str | None = None  # containers, where more than one is in sight
         self._views: list[View] = []  # used so far; once the region is known, cropped to it
@@ -204,7 +204,7 @@ class StackCounter:
         size = c.voxel_size or automatic_voxel_size(self._region, self._unit_volume)
         self._tsdf = Tsdf(size, c.trunc_voxels, c.depth_trunc, c.max_weight, c.max_memory_mb)
         if not any(self._config.roi_size_m):
-            self._rivals = other_container(first, self._region)
+            self._rivals = second_container(first, self._region)
         for view in first:
             try:
                 self._views.append(self._fuse(view))
@@ -214,11 +214,11 @@ class StackCounter:
 
     def _fuse(self, view: View) -> View:
         assert self._region is not None and self._tsdf is not None  # for the type checker
-        view = leveled(crop_to_region(view, self._region), self._region)
+        view = level_to_support(crop_to_region(view, self._region), self._region)
         assert view.depth is not None  # for the type checker
         depth = smoothed(view.depth, self._region.noise)
         view = replace(view, depth=depth)
-        surface = self._region.holds(world_points(view))
+        surface = self._region.contains(world_points(view))
         seen = self._with_background(view)
         if self._config.live and self._surface is not None:
             self._tsdf.forget(self._changed(view, self._surface), seen, view.intrinsics,
@@ -226,7 +226,7 @@ class StackCounter:
         self._tsdf.integrate(seen, surface, view.intrinsics, view.T_world_camera)
         return view
 
-    def _changed(self, view: View, surface: TopView) -> np.ndarray:
+    def _changed(self, view: View, surface: FusedSurface) -> np.ndarray:
         """(h, w) bool: pixels whose depth is not that of the last volume, noise apart."""
         assert view.depth is not None and self._region is not None  # for the type checker
         expected = surface.depth(view.intrinsics, view.T_world_camera)
@@ -260,13 +260,13 @@ class StackCounter:
         if not len(mesh.triangles):
             raise ScanError(f"no surface left after carving {len(self._views)} views; expected "
                             "some: depth and poses disagree")
-        top = self._surface = TopView(mesh)
+        top = self._surface = FusedSurface(mesh)
         seen = (top, self._views, region, pitch, self._config)
         container, sure = find_container(*seen) if self._taught is None \
             else (place_container(self._taught, *seen), True)
         floor_known = self._taught is not None or self._config.container_floor_m > 0
-        one_side = from_one_side(self._views, region)
-        result = measure(top, container, region, pitch, floor_known, one_side)
+        one_side = seen_from_one_side(self._views, region)
+        result = measure_stack(top, container, region, pitch, floor_known, one_side)
         reasons = ["one_side"] if one_side else []
         if result.coverage < _LOW_COVERAGE:
             reasons.append("low_coverage")
@@ -274,13 +274,13 @@ class StackCounter:
             reasons.append("nothing_found")
         if not sure:
             reasons.append("container_unsure")
-        if container.kind == "none" and cut_everywhere(self._views, region):
+        if container.kind == "none" and stack_leaves_every_image(self._views, region):
             reasons.append("cut_by_image")
         return self._volume(result, Geometric(result.container, region),
                             color_mesh(mesh, self._views), *reasons)
 
     def _from_labels(self) -> StackVolume:
-        if not any(np.any(label_image(view) == PARTS) for view in self._views):
+        if not any(np.any(require_labels(view) == PARTS) for view in self._views):
             return replace(self._from_hull(), stack_volume=0.0, stack_volume_std=0.0,
                            reasons=("nothing_found",))
         if not self._config.live and all(view.color is not None for view in self._views):
@@ -292,16 +292,19 @@ class StackCounter:
 
     def _from_hull(self) -> StackVolume:
         c = self._config
-        carved = visual_hull.carve(self._views, c.voxel_size or COARSEST, c.hull_min_share,
-                            votes=2 if c.live else 1)
+        carved = visual_hull.carve_visual_hull(
+            self._views, c.voxel_size or COARSEST, c.hull_min_share, votes=2 if c.live else 1
+        )
         container = Container("hull", geometry.pose(np.eye(3), carved.middle))
         # An outline's error of one pixel moves the surface by about half a voxel.
         skin = len(carved.surface) * carved.voxel_size**3
         mesh = Mesh(carved.surface.astype(np.float32), np.zeros((0, 3), np.int32))
-        result = Measure(carved.volume, skin / 2, None, None, 1.0, (0.0, 0.0, 0.0), container)
+        result = MeasuredStack(
+            carved.volume, skin / 2, None, None, 1.0, (0.0, 0.0, 0.0), container
+        )
         return self._volume(result, GivenLabels(), mesh, "no_depth")
 
-    def _volume(self, measure: Measure, segmenter: Segmenter, mesh: Mesh, *reasons: str
+    def _volume(self, measure: MeasuredStack, segmenter: Segmenter, mesh: Mesh, *reasons: str
                 ) -> StackVolume:
         self._segmenter = GivenLabels() if self._labels.on_views else segmenter
         with self._timed("segment"):
@@ -321,7 +324,7 @@ class StackCounter:
             self._seconds[stage] += time.perf_counter() - start
 
 
-def volume_of(scan: DepthScan, config: ReconstructorConfig, unit_volume: float = 0.0
+def volume_of(scan: StereoScan, config: ReconstructorConfig, unit_volume: float = 0.0
               ) -> StackVolume:
     """V of pictures with depth by stereo, as from a depth camera, unless the container is closed.
 
@@ -370,8 +373,15 @@ def find_key_view(views: list[View], segmenter: Segmenter) -> KeyView | None:
         return None
     cut = geometry.crop(replace(best, labels=labels), np.array([cols.min(), rows.min()]),
                         np.array([cols.max(), rows.max()]))
-    return KeyView(best.stamp_ns, cut.intrinsics, cut.T_world_camera, len(rows), label_image(cut),
-                   cut.depth, cut.color)
+    return KeyView(
+        best.stamp_ns,
+        cut.intrinsics,
+        cut.T_world_camera,
+        len(rows),
+        require_labels(cut),
+        cut.depth,
+        cut.color,
+    )
 
 
 def count_stack(volume: StackVolume, part: Part, estimator: OccupancyEstimator,
@@ -382,6 +392,6 @@ def count_stack(volume: StackVolume, part: Part, estimator: OccupancyEstimator,
         ScanError, PartError: as `estimate_part`.
     """
     start = time.perf_counter()
-    estimate = estimate_part(volume, part, estimator)
+    estimate = estimate_occupancy(volume, part, estimator)
     result = make_count(volume, part.unit_volume, estimate, confidence)
     return replace(result, seconds={**volume.seconds, "gamma": time.perf_counter() - start})

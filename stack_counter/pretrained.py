@@ -9,7 +9,7 @@ from typing import Any
 from stack_counter.errors import WeightsError
 
 
-def load_local(folder: Path, model_type: str, architecture: str, what: str) -> Any:
+def load_pretrained(folder: Path, model_type: str, architecture: str, what: str) -> Any:
     """A model in evaluation mode.
 
     Args:

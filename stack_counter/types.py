@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from stack_counter.container.wall_shapes import WallForm
+from stack_counter.container.wall_shapes import WallShape
 
 BACKGROUND, CONTAINER, PARTS = 0, 1, 2  # the values of a label image
 UNSEEN = 255  # pixels that a rectified label image has and the camera had not
@@ -89,7 +89,7 @@ class Container:
     wall_thickness_m: float = 0.0
     floor_thickness_m: float = 0.0
     rings: np.ndarray | None = None
-    form: WallForm | None = None
+    form: WallShape | None = None
 
     @property
     def outer_size_m(self) -> tuple[float, float, float]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from stack_counter.bag.reader import BagReader, fit_rig, read_views
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
-from stack_counter.views.rig import RigAssembler, rig_of
+from stack_counter.views.rig import RigAssembler, load_rig
 
 
 def describe(path: Path, config: CollectorConfig) -> str:
@@ -22,7 +22,7 @@ def describe(path: Path, config: CollectorConfig) -> str:
     lines += [f"recorded {key}: {value}" for key, value in reader.facts.items()]
     problems = ["the bag is cut short"] if reader.truncated else []
     try:
-        rig = fit_rig(rig_of(config), reader.topics)
+        rig = fit_rig(load_rig(config), reader.topics)
     except BagError as error:
         return "\n".join([*lines, "problems", f"  {error}"])
     assembler = RigAssembler(rig, live=False)

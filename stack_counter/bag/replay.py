@@ -22,8 +22,8 @@ from stack_counter.pipeline import StackCounter, count_stack, joined_tally
 from stack_counter.segmentation.prompts import read_prompts
 from stack_counter.segmentation.scan_labels import ScanLabels
 from stack_counter.types import StackCount, StackVolume, View, ViewTally
-from stack_counter.views.cycles import Cycle, CycleFormer
-from stack_counter.views.rig import RigAssembler, rig_of
+from stack_counter.views.cycles import Cycle, CycleGrouper
+from stack_counter.views.rig import RigAssembler, load_rig
 
 
 @dataclass(frozen=True)
@@ -210,15 +210,15 @@ def _replay_cycles(path: Path, config: Config, stack: StackCounter, part: Part,
 def _assembled(path: Path, collector: CollectorConfig) -> tuple[BagReader, RigAssembler]:
     """A bag, and what makes views of its messages."""
     reader = BagReader(path)
-    return reader, RigAssembler(fit_rig(rig_of(collector), reader.topics), live=False)
+    return reader, RigAssembler(fit_rig(load_rig(collector), reader.topics), live=False)
 
 
 def _cycles(reader: BagReader, assembler: RigAssembler, stack: StackCounter, unit_volume: float,
             on_view: Callable[[], None]) -> Iterator[StackVolume | str]:
     """V of each cycle of a rig's cameras, or why there is none."""
     rig = assembler.rig
-    former = CycleFormer([c.name for c in rig.cameras], rig.tolerance_s, rig.timeout_s,
-                         live=False)
+    former = CycleGrouper([c.name for c in rig.cameras], rig.tolerance_s, rig.timeout_s,
+                          live=False)
     for cycle in formed(read_views(reader, assembler), former):
         stack.reset(unit_volume)
         for name in former.cameras:
@@ -232,7 +232,7 @@ def _cycles(reader: BagReader, assembler: RigAssembler, stack: StackCounter, uni
             yield f"cycle at {cycle.stamp_ns} ns: {error}"
 
 
-def formed(views: Iterable[tuple[str, View]], former: CycleFormer) -> Iterator[Cycle]:
+def formed(views: Iterable[tuple[str, View]], former: CycleGrouper) -> Iterator[Cycle]:
     """The cycles that views of a rig's cameras make; one that is late is left out."""
     for name, view in views:
         with suppress(ViewError):

@@ -29,7 +29,7 @@ from stack_counter.parts.counted_scan import CountedScan
 from stack_counter.parts.gamma_model import GammaModel, PartModels
 
 if TYPE_CHECKING:
-    from stack_counter.teaching.simulated_piles import Order, Pile
+    from stack_counter.teaching.simulated_piles import Pile, PileRequest
 
 _SAME_VOLUME = 0.01  # relative; a part whose v changes by more is another part,
 _SURE = 3.0  # or by more than so many standard deviations of a v that was measured
@@ -176,7 +176,7 @@ def _add(options: argparse.Namespace) -> int:
     return 0
 
 
-def _tuned_models(order: Order, piles: list[Pile], models: PartModels, path: Path
+def _tuned_models(order: PileRequest, piles: list[Pile], models: PartModels, path: Path
                   ) -> tuple[PartModels, Path | None]:
     """Those of the tuned network if it is better on piles left out, else the same."""
     from stack_counter.occupancy.gamma_net import save_tuning, tuned_name
@@ -264,10 +264,13 @@ def _calibrate(options: argparse.Namespace) -> int:
         raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
     from stack_counter.bag.replay import bag_volume
     from stack_counter.occupancy.baselines import make_estimator
-    from stack_counter.parts.calibration import counted_scan, pieces
+    from stack_counter.parts.calibration import count_from_weight, counted_scan
 
-    count = pieces(part, options.weight, options.piece_weight) if options.count is None \
+    count = (
+        count_from_weight(part, options.weight, options.piece_weight)
+        if options.count is None
         else options.count
+    )
     estimator = make_estimator(config.counter)
     with tqdm(unit=" views", desc="scan", disable=not sys.stderr.isatty()) as bar:
         volume = bag_volume(options.bag, config, part.unit_volume, lambda: bar.update() and None)

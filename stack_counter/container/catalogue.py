@@ -13,9 +13,9 @@ import numpy as np
 import yaml
 
 from stack_counter.config import ReconstructorConfig
-from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall, WallForm
+from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall, WallShape
 from stack_counter.errors import ConfigError, ScanError
-from stack_counter.files import config_path, write_whole
+from stack_counter.files import config_path, write_atomically
 from stack_counter.types import StackVolume
 
 _MOST_IN_IT = 0.02  # share of its capacity that an empty container may seem to hold
@@ -53,7 +53,7 @@ class TaughtContainer:
         taught: when and from what.
     """
 
-    form: WallForm
+    form: WallShape
     wall_m: float
     floor_m: float
     rim_m: float
@@ -135,7 +135,7 @@ def save_container(name: str, container: TaughtContainer, path: Path) -> None:
     """
     containers = load_containers(path) if path.exists() else {}
     containers[name] = container
-    write_whole(path, _HEAD + "containers:\n" + "".join(
+    write_atomically(path, _HEAD + "containers:\n" + "".join(
         _entry(name, containers[name]) for name in sorted(containers)))
 
 
@@ -165,9 +165,9 @@ def _container(entry: Mapping[str, Any]) -> TaughtContainer:
     if kind not in _FORM_LINES:
         raise ValueError(f"kind: {kind} (one of {sorted(_FORM_LINES)} needed)")
     params = _numbers(entry, _FORM_LINES[kind])
-    forms: dict[str, WallForm] = {"box": BoxWall(np.concatenate([np.zeros(3), params])),
-                                  "round": RoundWall(np.concatenate([np.zeros(2), params])),
-                                  "free": FreeWall(params, np.zeros(2))}
+    forms: dict[str, WallShape] = {"box": BoxWall(np.concatenate([np.zeros(3), params])),
+                                   "round": RoundWall(np.concatenate([np.zeros(2), params])),
+                                   "free": FreeWall(params, np.zeros(2))}
     wall, floor, rim = (float(x) for x in _numbers(entry, _SIZE_LINES))
     if rim <= floor:
         raise ValueError(f"rim_m: {rim} (above floor_m, {floor}, needed)")

@@ -10,10 +10,10 @@ from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.rim import Rim, find_rim
 from stack_counter.container.wall_fit import Wall, face_points, fit_wall
-from stack_counter.container.wall_shapes import BoxWall, RoundWall, WallForm
+from stack_counter.container.wall_shapes import BoxWall, RoundWall, WallShape
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region
-from stack_counter.fusion.tsdf import TopView
+from stack_counter.fusion.tsdf import FusedSurface
 from stack_counter.types import CONTAINER, Container, HeightMap, View
 
 _MIN_HEIGHT = 0.006  # of a rim, m
@@ -39,7 +39,7 @@ _LOST_WIDTH, _LOST_BY_NOISE, _LOST_ERROR = 0.0012, 0.95, 0.4
 _UNKNOWN_WALL = (0.004, 0.01)  # thickness that is assumed where nothing shows it, and its error
 
 
-def find_container(view: TopView, views: list[View], region: Region, voxel_size: float,
+def find_container(view: FusedSurface, views: list[View], region: Region, voxel_size: float,
                    config: ReconstructorConfig) -> tuple[Container, bool]:
     """The container as configured, or as found; and whether that is sure.
 
@@ -67,10 +67,10 @@ def find_container(view: TopView, views: list[View], region: Region, voxel_size:
     named = any(np.any(v.labels == CONTAINER) for v in views if v.labels is not None)
     if rim is not None and wall is not None and (
             _is_container(rim, wall, region, named)
-            or from_one_side(views, region) and _is_container_from_above(rim, wall)):
+            or seen_from_one_side(views, region) and _is_container_from_above(rim, wall)):
         return _container(wall.form, wall.thickness, rim.height, region, config), True
     if config.container_kind != "auto":
-        seen = 0.0 if rim is None else rim.share
+        seen = 0.0 if rim is None else rim.outline_share
         raise ScanError(f"no {config.container_kind} container found: a level rim on {seen:.0%} "
                         f"of its outline, a wall below it on "
                         f"{0.0 if wall is None else max(wall.outer_share, wall.inner_share):.0%}; "
@@ -85,7 +85,7 @@ def no_container(region: Region) -> Container:
     return Container("none", geometry.pose(np.eye(3), np.append(centre[:2], region.plane_z)))
 
 
-def rim_map(view: TopView, region: Region, voxel_size: float) -> HeightMap:
+def rim_map(view: FusedSurface, region: Region, voxel_size: float) -> HeightMap:
     """Map of the region in which a rim is looked for."""
     size = (region.high - region.low)[:2]
     pitch = max(_PITCH, float(size.max()) / _MOST_CELLS, voxel_size / 2)
@@ -100,7 +100,7 @@ def _wall(rim: Rim, views: list[View], region: Region, config: ReconstructorConf
         return None
     if config.container_wall_m > 0:
         known = (config.container_wall_m, 1e-6)
-    elif np.isfinite(rim.width) and from_one_side(views, region):
+    elif np.isfinite(rim.width) and seen_from_one_side(views, region):
         lost = _LOST_WIDTH + _LOST_BY_NOISE * region.noise
         known = (rim.width + lost, _LOST_ERROR * lost)
     elif np.isfinite(rim.width):
@@ -125,23 +125,23 @@ def _is_container(rim: Rim, wall: Wall, region: Region, named: bool) -> bool:
     name a container; a block has nothing inside."""
     smooth = wall.spread < _MAX_SPREAD + _NOISE_SPREAD * region.noise
     steep = max(wall.outer_share, wall.inner_share) >= _MIN_FACE
-    falls = rim.drop_share >= _MIN_DROP or wall.inner_share >= _MIN_FACE
+    falls = rim.inner_drop_share >= _MIN_DROP or wall.inner_share >= _MIN_FACE
     if rim.form.kind == "free":  # such an outline bends to many a heap
-        return rim.share >= MIN_RIM and (named or steep and smooth) and falls
+        return rim.outline_share >= MIN_RIM and (named or steep and smooth) and falls
     # A rectangle or a circle fits to no heap: much of a rim makes up for little of a wall.
     face = max(wall.outer_share, wall.inner_share)
-    return (rim.share >= MIN_RIM and (named or steep) and falls
-            or rim.share >= _SOME_RIM and rim.share + face >= _RIM_AND_FACE
+    return (rim.outline_share >= MIN_RIM and (named or steep) and falls
+            or rim.outline_share >= _SOME_RIM and rim.outline_share + face >= _RIM_AND_FACE
             and (falls or wall.inner_share >= _SOME_RIM))
 
 
 def _is_container_from_above(rim: Rim, wall: Wall) -> bool:
     """What one camera above sees of a container is its rim and some of the wall's inner face."""
-    return rim.form.kind != "free" and rim.share >= _ONE_SIDE_RIM \
+    return rim.form.kind != "free" and rim.outline_share >= _ONE_SIDE_RIM \
         and wall.inner_share >= _ONE_SIDE_FACE
 
 
-def from_one_side(views: list[View], region: Region) -> bool:
+def seen_from_one_side(views: list[View], region: Region) -> bool:
     """Whether the directions from the region's middle to all cameras are nearly the same."""
     away = np.array([v.T_world_camera[:3, 3] for v in views]) - (region.low + region.high) / 2
     away /= np.linalg.norm(away, axis=1)[:, None]
@@ -152,10 +152,10 @@ def _is_rim_like(rim: Rim, wall: Wall) -> bool:
     """Not enough to be a container, too much to be none."""
     face = max(wall.outer_share, wall.inner_share)
     least = _FREE_RIM_LIKE if rim.form.kind == "free" else _RIM_LIKE
-    return min(rim.share, face) >= 0.5 and rim.share + face >= least
+    return min(rim.outline_share, face) >= 0.5 and rim.outline_share + face >= least
 
 
-def _container(form: WallForm, wall: float, height: float, region: Region,
+def _container(form: WallShape, wall: float, height: float, region: Region,
                config: ReconstructorConfig) -> Container:
     """Container of a fitted wall; configured sizes replace the fitted ones."""
     size = config.container_inner_size_m
@@ -185,14 +185,14 @@ def _configured(config: ReconstructorConfig, region: Region) -> Container:
                         f"{size}; a container whose pose is given needs three sizes above 0 and "
                         "the kind box or round")
     (x, y, yaw), wall = config.container_xyyaw, config.container_wall_m
-    form: WallForm = BoxWall(np.array([x, y, yaw, size[0] + 2 * wall, size[1] + 2 * wall, 0.0]))
+    form: WallShape = BoxWall(np.array([x, y, yaw, size[0] + 2 * wall, size[1] + 2 * wall, 0.0]))
     if config.container_kind == "round":
         form = RoundWall(np.array([x, y, size[0] / 2 + wall, 0.0, 0.0]))
     floor = config.container_floor_m or wall
     return from_wall(form, wall, floor + size[2], floor, region.plane_z)
 
 
-def from_wall(form: WallForm, wall: float, height: float, floor: float, plane_z: float
+def from_wall(form: WallShape, wall: float, height: float, floor: float, plane_z: float
               ) -> Container:
     """Container of a wall.
 

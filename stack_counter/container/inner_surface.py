@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from stack_counter import geometry
-from stack_counter.fusion.tsdf import TopView
+from stack_counter.fusion.tsdf import FusedSurface
 from stack_counter.types import Container, HeightMap, Mesh
 
 _ANGLES = 721  # of the table of radii
@@ -30,7 +30,7 @@ def opening_map(container: Container, pitch: float) -> tuple[HeightMap, float]:
     T_world_map = container.T_world_container @ geometry.pose(np.eye(3), np.append(corner, 0))
     grid = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1)
     inside = over(rim, corner + (grid + 0.5) * pitch)
-    wall = TopView(wall_mesh(container)).heights(T_world_map, pitch, (rows, cols)).heights
+    wall = FusedSurface(wall_mesh(container)).heights(T_world_map, pitch, (rows, cols)).heights
     floor = np.float32(container.floor_thickness_m)
     inner = np.where(inside, np.fmax(wall, floor), np.float32(np.nan))
     return HeightMap(T_world_map, pitch, inner.astype(np.float32)), area(rim)

@@ -10,11 +10,11 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import TaughtContainer
 from stack_counter.container.detection import MIN_RIM, from_wall, rim_map
 from stack_counter.container.rim import rim_height, rim_points, rim_share
-from stack_counter.container.wall_fit import FacePoints, face_points, fit_form, fit_wall
-from stack_counter.container.wall_shapes import WallForm, turn
+from stack_counter.container.wall_fit import FacePoints, face_points, fit_outline, fit_wall
+from stack_counter.container.wall_shapes import WallShape, rotation_2d
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region
-from stack_counter.fusion.tsdf import TopView
+from stack_counter.fusion.tsdf import FusedSurface
 from stack_counter.types import Container, HeightMap, View
 
 _TURNS = 72  # of the outline that are tried against the rim
@@ -25,10 +25,10 @@ _KNOWN = 1e-6  # standard deviation of a thickness that is known, m
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedWall:
     """A form of fixed shape somewhere in the world; its parameters are x, y (m) and yaw (rad)."""
 
-    form: WallForm
+    form: WallShape
     params: np.ndarray
 
     @property
@@ -41,9 +41,9 @@ class Placed:
         """See `WallForm`."""
         return np.array([0.003, 0.003, 0.02])
 
-    def with_params(self, params: np.ndarray) -> Placed:
+    def with_params(self, params: np.ndarray) -> PlacedWall:
         """See `WallForm`."""
-        return Placed(self.form, params)
+        return PlacedWall(self.form, params)
 
     @property
     def pose(self) -> tuple[np.ndarray, float]:
@@ -56,25 +56,25 @@ class Placed:
 
     def outward(self, xy: np.ndarray) -> np.ndarray:
         """See `WallForm`."""
-        return self.form.outward(self._local(xy)) @ turn(self.params[2]).T
+        return self.form.outward(self._local(xy)) @ rotation_2d(self.params[2]).T
 
     def ring(self, below: float, inwards: float) -> np.ndarray:
         """See `WallForm`."""
-        return self.form.ring(below, inwards) @ turn(self.params[2]).T + self.params[:2]
+        return self.form.ring(below, inwards) @ rotation_2d(self.params[2]).T + self.params[:2]
 
-    def moved(self, inwards: float) -> Placed:
+    def moved(self, inwards: float) -> PlacedWall:
         """See `WallForm`."""
-        return Placed(self.form.moved(inwards), self.params)
+        return PlacedWall(self.form.moved(inwards), self.params)
 
-    def centred(self) -> WallForm:
+    def centred(self) -> WallShape:
         """See `WallForm`."""
         return self.form
 
     def _local(self, xy: np.ndarray) -> np.ndarray:
-        return (xy - self.params[:2]) @ turn(self.params[2])
+        return (xy - self.params[:2]) @ rotation_2d(self.params[2])
 
 
-def place_container(taught: TaughtContainer, view: TopView, views: list[View], region: Region,
+def place_container(taught: TaughtContainer, view: FusedSurface, views: list[View], region: Region,
                     voxel_size: float, config: ReconstructorConfig) -> Container:
     """The taught container where it stands in this scan.
 
@@ -92,7 +92,7 @@ def place_container(taught: TaughtContainer, view: TopView, views: list[View], r
     """
     top = rim_map(view, region, voxel_size)
     given = config.container_pose == "given"
-    forms = [Placed(taught.form, np.array(config.container_xyyaw))] if given \
+    forms = [PlacedWall(taught.form, np.array(config.container_xyyaw))] if given \
         else _on_rim(taught, top, region.lowest, config.container)
     higher = rim_height(top, forms[0], taught.wall_m, taught.rim_m) - taught.rim_m
     region = replace(region, plane_z=region.plane_z + higher)
@@ -105,19 +105,19 @@ def place_container(taught: TaughtContainer, view: TopView, views: list[View], r
     return from_wall(form, taught.wall_m, taught.rim_m, taught.floor_m, region.plane_z)
 
 
-def _on_rim(taught: TaughtContainer, top: HeightMap, lowest: float, name: str) -> list[Placed]:
+def _on_rim(taught: TaughtContainer, top: HeightMap, lowest: float, name: str) -> list[PlacedWall]:
     """The form in all the ways in which its outline meets the rim; an outline with symmetries
     does in several."""
     points, middle, _ = rim_points(top, lowest, taught.rim_m)
     level, scale = np.zeros(len(points)), max(top.pitch, 0.0015) / 2
-    turns = [Placed(taught.form, np.append(middle, yaw))
+    turns = [PlacedWall(taught.form, np.append(middle, yaw))
              for yaw in 2 * np.pi * np.arange(_TURNS) / _TURNS]
     # The logarithm: what hangs over the rim is far off.
     miss = np.array([np.log1p(np.abs(form.depth_inside(points, level)) / scale).sum()
                      for form in turns])
     best = np.nonzero((miss <= np.roll(miss, 1)) & (miss <= np.roll(miss, -1)))[0]
     chosen = best[np.argsort(miss[best], kind="stable")[:_REFINED]]
-    forms = [turns[i].with_params(fit_form(turns[i], points, scale).params) for i in chosen]
+    forms = [turns[i].with_params(fit_outline(turns[i], points, scale).params) for i in chosen]
     shares = [rim_share(form, points, top.pitch) for form in forms]
     if max(shares) < MIN_RIM:
         raise ScanError(f"container '{name}' not found: a rim {taught.rim_m:.3f} m high on "
@@ -125,7 +125,7 @@ def _on_rim(taught: TaughtContainer, top: HeightMap, lowest: float, name: str) -
     return [form for form, share in zip(forms, shares) if share > max(shares) - _ALIKE]
 
 
-def _miss(form: Placed, points: FacePoints, wall: float) -> float:
+def _miss(form: PlacedWall, points: FacePoints, wall: float) -> float:
     """Mean distance of points from the face they were seen on, metres; robust."""
     away = form.depth_inside(points.xy, points.below) - wall * points.inner
     return float(np.minimum(np.abs(away), _FAR).mean())

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from stack_counter.container.wall_fit import fit_form
-from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall, WallForm, fourier
+from stack_counter.container.wall_fit import fit_outline
+from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall, WallShape, fourier
 from stack_counter.types import HeightMap
 
 _LEVEL = 0.003  # how level a rim is, m
@@ -35,10 +35,10 @@ class Rim:
         width: from the outline to that fall, metres; NaN where parts hide it.
     """
 
-    form: WallForm
+    form: WallShape
     height: float
-    share: float
-    drop_share: float
+    outline_share: float
+    inner_drop_share: float
     width: float
 
 
@@ -55,7 +55,7 @@ def find_rim(top: HeightMap, lowest: float, kind: str) -> Rim | None:
         return None
     best, best_share = None, -1.0
     for form in _first_guesses(points, center, kind):
-        form = fit_form(form, points, max(top.pitch, 0.0015) / 2)
+        form = fit_outline(form, points, max(top.pitch, 0.0015) / 2)
         share = rim_share(form, points, top.pitch)
         if share > best_share + (_SIMPLER if best is not None else 0):
             best, best_share = form, share
@@ -85,7 +85,7 @@ def rim_points(top: HeightMap, lowest: float, height: float = 0.0
     return points @ T[:2, :2].T + T[:2, 3], T[:2, :2] @ center + T[:2, 3], height
 
 
-def rim_share(form: WallForm, points: np.ndarray, pitch: float) -> float:
+def rim_share(form: WallShape, points: np.ndarray, pitch: float) -> float:
     """Share of the sectors whose rim point (of `rim_points`) lies on a form's outline."""
     inside = form.depth_inside(points, np.zeros(len(points)))
     return np.count_nonzero(np.abs(inside) < max(_CLOSE, pitch)) / _SECTORS
@@ -128,11 +128,11 @@ def _outermost(ring: np.ndarray, pitch: float) -> tuple[np.ndarray, np.ndarray]:
     return center + outer, center
 
 
-def _first_guesses(points: np.ndarray, center: np.ndarray, kind: str) -> list[WallForm]:
+def _first_guesses(points: np.ndarray, center: np.ndarray, kind: str) -> list[WallShape]:
     (x, y), size, degrees = cv2.minAreaRect(points.astype(np.float32))
     away = points - center
     r, angle = np.linalg.norm(away, axis=1), np.arctan2(away[:, 1], away[:, 0])
-    forms: dict[str, WallForm] = {
+    forms: dict[str, WallShape] = {
         "box": BoxWall(np.array([x, y, np.deg2rad(degrees), *size, 0.0])),
         "round": RoundWall(np.array([*center, np.median(r), 0.0, 0.0]))}
     free = FreeWall(np.zeros(27), center)
@@ -144,7 +144,7 @@ def _first_guesses(points: np.ndarray, center: np.ndarray, kind: str) -> list[Wa
     return list(forms.values()) if kind == "auto" else [forms[kind]]
 
 
-def rim_height(top: HeightMap, form: WallForm, wall: float, height: float) -> float:
+def rim_height(top: HeightMap, form: WallShape, wall: float, height: float) -> float:
     """Height of a rim whose outline is known, above the map's plane, metres.
 
     Args:
@@ -161,7 +161,7 @@ def rim_height(top: HeightMap, form: WallForm, wall: float, height: float) -> fl
     return height
 
 
-def _depth_inside(top: HeightMap, form: WallForm) -> np.ndarray:
+def _depth_inside(top: HeightMap, form: WallShape) -> np.ndarray:
     """(rows * cols,) metres that the cells' middles lie inside a form's outline at the rim."""
     T = top.T_world_map
     rows, cols = np.mgrid[:top.heights.shape[0], :top.heights.shape[1]]
@@ -169,7 +169,7 @@ def _depth_inside(top: HeightMap, form: WallForm) -> np.ndarray:
     return form.depth_inside(xy, np.zeros(len(xy)))
 
 
-def _edges(top: HeightMap, form: WallForm, height: float) -> tuple[float, float, float]:
+def _edges(top: HeightMap, form: WallShape, height: float) -> tuple[float, float, float]:
     """Share of the outline where the surface falls inside the ring, and the places of the ring's
     outer and inner edge, as distances inwards from the form's outline.
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from stack_counter.container.wall_shapes import WallForm
+from stack_counter.container.wall_shapes import WallShape
 from stack_counter.fusion.region import Region, world_points
 from stack_counter.types import View
 
@@ -56,14 +56,14 @@ class Wall:
         spread: robust standard deviation of the points around it, metres.
     """
 
-    form: WallForm
+    form: WallShape
     thickness: float
     outer_share: float = 0.0
     inner_share: float = 0.0
     spread: float = 0.0
 
 
-def face_points(views: list[View], region: Region, form: WallForm, height: float) -> FacePoints:
+def face_points(views: list[View], region: Region, form: WallShape, height: float) -> FacePoints:
     """The points that the views saw on the near wall from outside or beyond it from inside.
 
     Args:
@@ -77,7 +77,7 @@ def face_points(views: list[View], region: Region, form: WallForm, height: float
     for view in (views[i] for i in chosen):
         points = world_points(view).reshape(-1, 3)
         z = points[:, 2] - region.plane_z
-        points = points[region.holds(points) & (z > _FOOT) & (z < height - _EDGE)]
+        points = points[region.contains(points) & (z > _FOOT) & (z < height - _EDGE)]
         below = height - (points[:, 2] - region.plane_z)
         ray = points - view.T_world_camera[:3, 3].astype(np.float32)
         outwards = np.sum(ray[:, :2] * form.outward(points[:, :2]), axis=1)
@@ -94,7 +94,7 @@ def face_points(views: list[View], region: Region, form: WallForm, height: float
     return every.chosen(np.arange(0, len(every.inner), len(every.inner) // _MOST_POINTS + 1))
 
 
-def fit_form(form: WallForm, xy: np.ndarray, scale: float) -> WallForm:
+def fit_outline(form: WallShape, xy: np.ndarray, scale: float) -> WallShape:
     """The form whose rim runs through (n, 2) world points; few of them may be far off."""
     level = np.zeros(len(xy))
 
@@ -106,7 +106,7 @@ def fit_form(form: WallForm, xy: np.ndarray, scale: float) -> WallForm:
                                           x_scale=form.params_std, max_nfev=_FIT_STEPS).x)
 
 
-def fit_wall(form: WallForm, points: FacePoints, height: float, thickness: float,
+def fit_wall(form: WallShape, points: FacePoints, height: float, thickness: float,
              thickness_std: float, noise: float) -> Wall:
     """Outer face and thickness at once, from the rim downwards, by robust least squares.
 
@@ -121,18 +121,18 @@ def fit_wall(form: WallForm, points: FacePoints, height: float, thickness: float
     cell = _cells(form, points, height)
     reach = max(_REACH, 1.5 * noise)
     for share in _ROUNDS:
-        middle = _middles(wall, points, cell, reach, points.below < share * height)
+        middle = _cell_medians(wall, points, cell, reach, points.below < share * height)
         wall = _refined(wall, points.chosen(middle), form, (thickness, thickness_std), height)
-    middle = _middles(wall, points, cell, reach, np.ones(len(points.below), bool))
+    middle = _cell_medians(wall, points, cell, reach, np.ones(len(points.below), bool))
     seen = points.chosen(middle)
-    miss = np.abs(_misses(wall, seen))
+    miss = np.abs(_residuals(wall, seen))
     sector = cell[middle] // (2 * _SLABS)
     shares = [len(np.unique(sector[face])) / _SECTORS for face in (~seen.inner, seen.inner)]
     return replace(wall, outer_share=shares[0], inner_share=shares[1],
                    spread=1.4826 * float(np.median(miss)) if len(miss) else np.inf)
 
 
-def _cells(form: WallForm, points: FacePoints, height: float) -> np.ndarray:
+def _cells(form: WallShape, points: FacePoints, height: float) -> np.ndarray:
     """(n,) which cell of the wall a point lies in: sector, face and slab."""
     away = points.xy - form.pose[0]
     turn = np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) % 1
@@ -141,14 +141,15 @@ def _cells(form: WallForm, points: FacePoints, height: float) -> np.ndarray:
     return (sector * 2 + points.inner) * _SLABS + slab
 
 
-def _middles(wall: Wall, points: FacePoints, cell: np.ndarray, reach: float, allowed: np.ndarray
-             ) -> np.ndarray:
+def _cell_medians(
+    wall: Wall, points: FacePoints, cell: np.ndarray, reach: float, allowed: np.ndarray
+) -> np.ndarray:
     """Indices of the median point of every cell that shows the wall.
 
     Parts hide the inner face from some depth on: of a sector only the cells down to the first
     that does not show it count.
     """
-    miss = _misses(wall, points)
+    miss = _residuals(wall, points)
     near = np.nonzero(allowed & (np.abs(miss) < reach))[0]
     order = near[np.lexsort((miss[near], cell[near]))]
     names, first, count = np.unique(cell[order], return_index=True, return_counts=True)
@@ -163,7 +164,7 @@ def _middles(wall: Wall, points: FacePoints, cell: np.ndarray, reach: float, all
     return middle[faces.ravel()[names]]
 
 
-def _refined(wall: Wall, points: FacePoints, first: WallForm, prior: tuple[float, float],
+def _refined(wall: Wall, points: FacePoints, first: WallShape, prior: tuple[float, float],
              height: float) -> Wall:
     std = np.append(first.params_std, prior[1])
     expected = np.append(first.params, prior[0])
@@ -171,18 +172,18 @@ def _refined(wall: Wall, points: FacePoints, first: WallForm, prior: tuple[float
     def misses(params: np.ndarray) -> np.ndarray:
         moved = Wall(first.with_params(params[:-1]), params[-1])
         foot = np.ptp(moved.form.ring(height, 0.0)[:, 0]) / np.ptp(moved.form.ring(0.0, 0.0)[:, 0])
-        return np.concatenate([_soft(_misses(moved, points) / _CELL_ERROR),
+        return np.concatenate([_soft_l1(_residuals(moved, points) / _CELL_ERROR),
                                (params - expected) / std,
                                [min(foot - _FOOT_SHARE, 0.0) / _FOOT_STD]])
     best = least_squares(misses, np.append(wall.form.params, wall.thickness), x_scale=std).x
     return Wall(first.with_params(best[:-1]), max(float(best[-1]), 0.0))
 
 
-def _soft(errors: np.ndarray) -> np.ndarray:
+def _soft_l1(errors: np.ndarray) -> np.ndarray:
     """Residuals whose squares grow only linearly for large errors: some points are not walls."""
     return np.sign(errors) * np.sqrt(2 * (np.sqrt(1 + errors**2) - 1))
 
 
-def _misses(wall: Wall, points: FacePoints) -> np.ndarray:
+def _residuals(wall: Wall, points: FacePoints) -> np.ndarray:
     """(n,) metres that points lie inside the face they were seen on."""
     return wall.form.depth_inside(points.xy, points.below) - wall.thickness * points.inner

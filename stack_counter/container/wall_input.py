@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.container.wall_shapes import WallForm
+from stack_counter.container.wall_shapes import WallShape
 from stack_counter.errors import ViewError
 from stack_counter.types import View
 
@@ -22,14 +22,14 @@ _SEEN = 0.2  # share of the crop that should have depth
 _LEAST = 24  # pixels that the container should span
 
 
-def outer_width(form: WallForm) -> float:
+def outer_width(form: WallShape) -> float:
     """Square root of the area within the rim's outer outline, metres: what the thickness is a
     share of."""
     (x, y), (u, w) = form.ring(0.0, 0.0).T, np.roll(form.ring(0.0, 0.0), -1, axis=0).T
     return float(np.sqrt(np.sum(x * w - u * y) / 2))
 
 
-def wall_crop(view: View, form: WallForm, height: float, plane_z: float) -> np.ndarray:
+def wall_crop(view: View, form: WallShape, height: float, plane_z: float) -> np.ndarray:
     """(CHANNELS, SIDE, SIDE) float32.
 
     Args:

@@ -18,7 +18,7 @@ from safetensors.torch import save_file
 from torch import nn
 
 from stack_counter.container.wall_input import CHANNELS, outer_width, wall_crop
-from stack_counter.container.wall_shapes import WallForm
+from stack_counter.container.wall_shapes import WallShape
 from stack_counter.errors import ViewError, WeightsError
 from stack_counter.types import View
 
@@ -90,7 +90,7 @@ def load_wall_net(path: Path | None = None) -> WallNet:
     return net.eval()
 
 
-def estimate_wall(views: Sequence[View], form: WallForm, height: float, plane_z: float,
+def estimate_wall(views: Sequence[View], form: WallShape, height: float, plane_z: float,
                   net: WallNet | None = None) -> tuple[float, float] | None:
     """Thickness and its standard deviation, metres; None where no view shows the container.
 

@@ -16,7 +16,7 @@ _LEANS = 4  # and of its lean
 _ROUND_SIDES = 96  # corners of a round or free-form ring
 
 
-class WallForm(Protocol):
+class WallShape(Protocol):
     """What all forms can do."""
 
     @property
@@ -34,7 +34,7 @@ class WallForm(Protocol):
         """(m,) how far they are expected to be from a first guess."""
         ...
 
-    def with_params(self, params: np.ndarray) -> WallForm:
+    def with_params(self, params: np.ndarray) -> WallShape:
         """The same form with other parameters."""
         ...
 
@@ -56,11 +56,11 @@ class WallForm(Protocol):
         """(k, 2) counter-clockwise world outline at a depth, moved inwards by so much, metres."""
         ...
 
-    def moved(self, inwards: float) -> WallForm:
+    def moved(self, inwards: float) -> WallShape:
         """The form with its whole face moved inwards by so many metres."""
         ...
 
-    def centred(self) -> WallForm:
+    def centred(self) -> WallShape:
         """The form in the container's own frame: its middle at 0, its yaw 0."""
         ...
 
@@ -89,7 +89,7 @@ class BoxWall:
 
     def _beside(self, xy: np.ndarray) -> np.ndarray:
         """(n, 4) distances inwards from the rim's sides -x, +x, -y, +y."""
-        x, y = ((xy - self.params[:2]) @ turn(self.params[2])).T
+        x, y = ((xy - self.params[:2]) @ rotation_2d(self.params[2])).T
         a, b = self.params[3:5] / 2
         return np.stack([a + x, a - x, b + y, b - y], axis=1)
 
@@ -99,14 +99,14 @@ class BoxWall:
 
     def outward(self, xy: np.ndarray) -> np.ndarray:
         """See `WallForm`."""
-        normals = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]]) @ turn(self.params[2]).T
+        normals = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]]) @ rotation_2d(self.params[2]).T
         return normals[self._beside(xy).argmin(axis=1)]
 
     def ring(self, below: float, inwards: float) -> np.ndarray:
         """See `WallForm`."""
         a, b = np.maximum(self.params[3:5] / 2 - inwards - self.params[5] * below, 1e-4)
         corners = np.array([[-a, -b], [a, -b], [a, b], [-a, b]])
-        return corners @ turn(self.params[2]).T + self.params[:2]
+        return corners @ rotation_2d(self.params[2]).T + self.params[:2]
 
     def moved(self, inwards: float) -> BoxWall:
         """See `WallForm`."""
@@ -247,7 +247,7 @@ class FreeWall:
         return FreeWall(self.params, np.zeros(2))
 
 
-def turn(yaw: float) -> np.ndarray:
+def rotation_2d(yaw: float) -> np.ndarray:
     """(2, 2) rotation of the plane."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s], [s, c]])

@@ -24,7 +24,7 @@ from stack_counter.eval.common.sets import folder_of
 from stack_counter.occupancy.baselines import make_estimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.pipeline import StackCounter
-from stack_counter.sim import Scene, picked, read_scenes, watch
+from stack_counter.sim import Scene, read_scenes, record_fixed_camera, remove_parts
 
 _CONFIDENCE = 0.9
 
@@ -77,12 +77,12 @@ def _packed(job: tuple) -> list[Stamp]:
 def follow(scene: Scene, picks: int, share: float = 0.0) -> list[Stamp]:
     """What is said after each view of a scene that is emptied from the top."""
     each = max(1, round(share * len(scene.poses) / picks))
-    states = list(picked(scene, min(picks * each, len(scene.poses) - 1)))[::each]
+    states = list(remove_parts(scene, min(picks * each, len(scene.poses) - 1)))[::each]
     stack = StackCounter(ReconstructorConfig(live=True))
     stack.reset(scene.truth.unit_volume)
     estimator = make_estimator(CounterConfig())
     stamps: list[Stamp] = []
-    for state, view in zip(states, watch(states, color=False)):
+    for state, view in zip(states, record_fixed_camera(states, color=False)):
         begin = time.perf_counter()
         true = len(state.poses)
         before = stamps[-1].true if stamps else true

@@ -31,7 +31,7 @@ from stack_counter.parts.catalogue import Part
 from stack_counter.parts.gamma_model import PartModels, Reading
 from stack_counter.pipeline import count_stack
 from stack_counter.sim import FOUND_AS, SCENES_PER_RIG, Scene, read_scenes
-from stack_counter.teaching import Pile, Seen, make_order, models_of, simulate_part
+from stack_counter.teaching import Pile, PileScan, make_order, models_of, simulate_part
 from stack_counter.train import reconstruct
 from stack_counter.types import OccupancyEstimate, StackVolume
 
@@ -143,7 +143,7 @@ def _models(rig: Rig, options: argparse.Namespace) -> PartModels:
     if not path.exists():
         piles = simulate_part(order, options.piles, options.workers, lambda: None)
         path.write_text(json.dumps([asdict(pile) for pile in piles]) + "\n")
-    kept = [Pile(*(None if seen is None else Seen(**{**seen, "reading": Reading(
+    kept = [Pile(*(None if seen is None else PileScan(**{**seen, "reading": Reading(
         **seen["reading"])}) for seen in pile.values())) for pile in json.loads(path.read_text())]
     return models_of(order, kept, heard)
 

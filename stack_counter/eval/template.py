@@ -18,7 +18,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.eval.common import metrics
 from stack_counter.parts.template import scan_template, shipped
-from stack_counter.sim import Shape, load_shapes, record, spread
+from stack_counter.sim import Shape, lay_out_pieces, load_shapes, record
 
 _SEED = 0
 _LARGE_M = 0.03  # part size from which v is claimed
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
 
 def measure(shape: Shape, pieces: int, count: int) -> Result:
     """One template scan."""
-    views = record(spread(shape, pieces, _SEED, shape.seed), count, _SEED, color=False)
+    views = record(lay_out_pieces(shape, pieces, _SEED, shape.seed), count, _SEED, color=False)
     try:
         template = scan_template(views, pieces, ReconstructorConfig())
     except StackCounterError as error:

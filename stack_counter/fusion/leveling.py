@@ -24,7 +24,7 @@ _SPREAD = 0.03  # standard deviation of their places along the shorter axis, m
 _ROUNDS = 4  # of fits, each without what lies far off the last one
 
 
-def leveled(view: View, region: Region) -> View:
+def level_to_support(view: View, region: Region) -> View:
     """The view with a pose in which the support plane is level and at its height; as it was where
     too little of the plane shows, or the plane lies too far off.
 

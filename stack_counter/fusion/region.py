@@ -42,13 +42,13 @@ class Region:
         """Height above the plane, metres, below which a single point may be noise."""
         return max(_LOWEST, 4 * self.noise)
 
-    def holds(self, points: np.ndarray) -> np.ndarray:
+    def contains(self, points: np.ndarray) -> np.ndarray:
         """(...) bool for (..., 3) world points, metres."""
         x, y, z = np.moveaxis(points, -1, 0)  # axis by axis: several times faster than all at once
         (x0, y0, z0), (x1, y1, z1) = self.low.tolist(), self.high.tolist()
         return ((x >= x0) & (x <= x1) & (y >= y0) & (y <= y1) & (z >= z0) & (z <= z1))
 
-    def joined(self, other: Region) -> Region:
+    def union(self, other: Region) -> Region:
         """The smallest region around both, with the support plane of this one."""
         return replace(self, low=np.minimum(self.low, other.low),
                        high=np.maximum(self.high, other.high))
@@ -151,10 +151,10 @@ def grow(region: Region, view: View) -> Region:
     """The region with what this view shows standing across its border taken in."""
     points = world_points(view, _STRIDE).reshape(-1, 3)
     around = replace(region, low=region.low - _GROWTH, high=region.high + _GROWTH)
-    blob = largest_blob(_standing(points[around.holds(points)], region))
-    if not len(blob) or not region.holds(blob).any():
+    blob = largest_blob(_standing(points[around.contains(points)], region))
+    if not len(blob) or not region.contains(blob).any():
         return region
-    return region.joined(_around(blob, region))
+    return region.union(_around(blob, region))
 
 
 def crop_to_region(view: View, region: Region) -> View:

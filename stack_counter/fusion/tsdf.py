@@ -133,7 +133,7 @@ class Tsdf:
                     mesh.triangle.indices.numpy().astype(np.int32))
 
 
-class TopView:
+class FusedSurface:
     """Looks at a mesh, from straight above or as a camera does."""
 
     def __init__(self, mesh: Mesh):

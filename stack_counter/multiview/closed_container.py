@@ -13,8 +13,8 @@ from scipy import ndimage
 
 from stack_counter import geometry
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.multiview.visual_hull import Hull
-from stack_counter.segmentation.labels import label_image
+from stack_counter.multiview.visual_hull import VisualHull
+from stack_counter.segmentation.labels import require_labels
 from stack_counter.types import BACKGROUND, HeightMap, View
 
 _MAX_VOXELS = 3_000_000
@@ -42,7 +42,9 @@ class Carved:
     measured: float
 
 
-def carve_with_depth(views: list[View], hull: Hull, voxel_size: float, plane_z: float) -> Carved:
+def carve_closed_container(
+    views: list[View], hull: VisualHull, voxel_size: float, plane_z: float
+) -> Carved:
     """Takes away what is background, below the support, or in front of a measured surface.
 
     Where no depth was measured, the outline stands.
@@ -60,7 +62,7 @@ def carve_with_depth(views: list[View], hull: Hull, voxel_size: float, plane_z: 
     voxels, side, shape = _grid(hull, voxel_size, plane_z)
     inside = np.arange(len(voxels))
     for view in views:
-        seen, labels, _ = _looked_up(view, voxels[inside], label_image(view))
+        seen, labels, _ = _looked_up(view, voxels[inside], require_labels(view))
         inside = inside[~seen | (labels != BACKGROUND)]
     distance, count = _distances(views, voxels[inside], _TRUNC * side)
     stands, measured = np.zeros((2, len(voxels)), bool)
@@ -77,7 +79,7 @@ def carve_with_depth(views: list[View], hull: Hull, voxel_size: float, plane_z: 
                   float(measured[skin].mean()))
 
 
-def _grid(hull: Hull, voxel_size: float, plane_z: float
+def _grid(hull: VisualHull, voxel_size: float, plane_z: float
           ) -> tuple[np.ndarray, float, tuple[int, int, int]]:
     """Centres (n, 3) of voxels around the hull above the support, their side, metres, and the
     grid's shape."""

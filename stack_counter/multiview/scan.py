@@ -20,12 +20,12 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
-from stack_counter.multiview.closed_container import carve_with_depth
+from stack_counter.multiview.closed_container import carve_closed_container
 from stack_counter.multiview.pose_refinement import refine_poses
 from stack_counter.multiview.stereo import depth_from_pictures
 from stack_counter.multiview.support_plane import find_upright, show_support
-from stack_counter.multiview.visual_hull import Hull, carve
-from stack_counter.segmentation.labels import label_image
+from stack_counter.multiview.visual_hull import VisualHull, carve_visual_hull
+from stack_counter.segmentation.labels import require_labels
 from stack_counter.types import CONTAINER, PARTS, Container, HeightMap, Mesh, StackVolume, View
 
 _MAX_WIDTH = 640  # larger pictures are made a whole number of times smaller, pixels
@@ -37,17 +37,17 @@ _STEREO_ERROR = 0.05  # relative standard deviation that stereo adds to V, on tr
 
 
 @dataclass(frozen=True)
-class DepthScan:
+class StereoScan:
     """Views with depth and labels, the hull of the labels, both in an upright world, and its pose
     (4, 4) in the world that the views came in."""
 
     views: list[View]
-    hull: Hull
+    hull: VisualHull
     T_world_upright: np.ndarray
 
     def is_closed(self, volume: StackVolume, config: ReconstructorConfig) -> bool:
         """Whether a container that was looked for, but has no rim, shows in the labels."""
-        shown = [np.bincount(label_image(view).ravel(), minlength=3)[:3] for view in self.views]
+        shown = [np.bincount(require_labels(view).ravel(), minlength=3)[:3] for view in self.views]
         _, container, parts = np.sum(shown, axis=0)
         return volume.container.kind == "none" and config.container_kind == "auto" \
             and container > _MIN_CONTAINER * (container + parts)
@@ -63,7 +63,7 @@ class DepthScan:
             ScanError: nothing is left.
         """
         plane_z = float(heap.container.T_world_container[2, 3])
-        found = carve_with_depth(self.views, self.hull, voxel_size, plane_z)
+        found = carve_closed_container(self.views, self.hull, voxel_size, plane_z)
         inner = HeightMap(found.top.T_world_map, found.top.pitch, np.zeros_like(found.top.heights))
         reasons = () if found.measured >= _MOSTLY else ("no_depth",)  # there the hull stands
         return replace(
@@ -91,7 +91,7 @@ class DepthScan:
             reasons=("depth_from_pictures", *volume.reasons))
 
 
-def depth_scan(views: list[View], config: ReconstructorConfig) -> DepthScan:
+def depth_scan(views: list[View], config: ReconstructorConfig) -> StereoScan:
     """Depth by stereo, inside the hull of the labels.
 
     Args:
@@ -103,10 +103,17 @@ def depth_scan(views: list[View], config: ReconstructorConfig) -> DepthScan:
     """
     smaller = [geometry.shrink(view, -(-view.intrinsics.width // _MAX_WIDTH)) for view in views]
     refined = refine_poses(smaller)
-    hull = carve(refined, max(config.voxel_size, _HULL_VOXEL), config.hull_min_share)
+    hull = carve_visual_hull(refined, max(config.voxel_size, _HULL_VOXEL), config.hull_min_share)
     deep = depth_from_pictures(refined, hull)
-    known = np.concatenate([np.asarray(view.depth)[np.isin(label_image(view), (CONTAINER, PARTS))]
-                            for view in deep]) > 0
+    known = (
+        np.concatenate(
+            [
+                np.asarray(view.depth)[np.isin(require_labels(view), (CONTAINER, PARTS))]
+                for view in deep
+            ]
+        )
+        > 0
+    )
     if known.mean() < _MIN_MEASURED:
         raise ScanError(f"stereo measures {known.mean():.0%} of the stack; expected "
                         f"{_MIN_MEASURED:.0%} or more")
@@ -115,4 +122,4 @@ def depth_scan(views: list[View], config: ReconstructorConfig) -> DepthScan:
                for view in deep]
     turned = replace(hull, middle=geometry.apply(T, hull.middle),
                      surface=geometry.apply(T, hull.surface))
-    return DepthScan(upright, turned, geometry.inverse(T))
+    return StereoScan(upright, turned, geometry.inverse(T))

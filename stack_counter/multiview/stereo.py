@@ -20,8 +20,8 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.multiview.plane_sweep import Picture, aggregate, best_planes, sweep
-from stack_counter.multiview.visual_hull import Hull
-from stack_counter.segmentation.labels import label_image
+from stack_counter.multiview.visual_hull import VisualHull
+from stack_counter.segmentation.labels import require_labels
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS, View
 
 _MAX_PLANES, _MIN_PLANES = 224, 16
@@ -57,7 +57,7 @@ class StereoConfig:
     min_agree: int = 2
 
 
-def depth_from_pictures(views: list[View], hull: Hull, config: StereoConfig = StereoConfig()
+def depth_from_pictures(views: list[View], hull: VisualHull, config: StereoConfig = StereoConfig()
                         ) -> list[View]:
     """The views with depth: multi-view stereo on their colour images.
 
@@ -126,7 +126,7 @@ def choose_neighbours(angles: np.ndarray, i: int, config: StereoConfig) -> list[
     return chosen or order[:2]
 
 
-def hull_bounds(view: View, hull: Hull) -> tuple[np.ndarray, np.ndarray]:
+def hull_bounds(view: View, hull: VisualHull) -> tuple[np.ndarray, np.ndarray]:
     """Nearest and farthest depth of the hull at every pixel: (h, w) float32 metres each, 0 where
     the hull is not."""
     k = view.intrinsics
@@ -148,9 +148,9 @@ def hull_bounds(view: View, hull: Hull) -> tuple[np.ndarray, np.ndarray]:
     return np.where(far > 0, near, 0).astype(np.float32), far
 
 
-def _search(view: View, hull: Hull, config: StereoConfig) -> tuple[np.ndarray, np.ndarray]:
+def _search(view: View, hull: VisualHull, config: StereoConfig) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the depth that is looked for: the hull's, and around it those of the support."""
-    labels = label_image(view)
+    labels = require_labels(view)
     near, far = hull_bounds(view, hull)
     shown = np.isin(labels, (CONTAINER, PARTS)) & (far > 0)
     # Windows and paths carry a rim's depth over its edge: what lies next to it is left open.
@@ -167,7 +167,7 @@ def _search(view: View, hull: Hull, config: StereoConfig) -> tuple[np.ndarray, n
     return near, far
 
 
-def _depth(view: View, picture: Picture, neighbours: list[Picture], hull: Hull,
+def _depth(view: View, picture: Picture, neighbours: list[Picture], hull: VisualHull,
            config: StereoConfig) -> np.ndarray:
     """(h, w) float32 metres, 0 unknown: the depth on which the pictures agree best."""
     near, far = _search(view, hull, config)
@@ -195,7 +195,7 @@ def _depth(view: View, picture: Picture, neighbours: list[Picture], hull: Hull,
     return out
 
 
-def _planes(view: View, neighbours: list[Picture], hull: Hull, near: float, far: float
+def _planes(view: View, neighbours: list[Picture], hull: VisualHull, near: float, far: float
             ) -> np.ndarray:
     """(d,) inverse depths, 1/m, from far to near; steps of about a pixel at the widest angle."""
     ray = geometry.apply(geometry.inverse(view.T_world_camera), hull.middle)

@@ -9,7 +9,7 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.segmentation.labels import label_image
+from stack_counter.segmentation.labels import require_labels
 from stack_counter.types import BACKGROUND, View
 
 _POINTS = 40_000  # of the support that are looked at
@@ -65,7 +65,7 @@ def show_support(view: View, plane_z: float) -> View:
         raise ViewError("no_depth", "the view has no depth image; expected one")
     rays = geometry.unproject(np.ones_like(view.depth), view.intrinsics)
     down = -(rays @ view.T_world_camera[2, :3].astype(np.float32))
-    meets = (label_image(view) == BACKGROUND) & (down > 0)
+    meets = (require_labels(view) == BACKGROUND) & (down > 0)
     height = view.T_world_camera[2, 3] - plane_z
     depth = np.where(meets, height / np.where(meets, down, 1), view.depth)
     return replace(view, depth=np.maximum(depth, 0).astype(np.float32))
@@ -75,7 +75,7 @@ def _background(view: View) -> np.ndarray:
     """(n, 3) float64 world points of the background, metres."""
     if view.depth is None:
         raise ViewError("no_depth", "the view has no depth image; expected one")
-    rows, cols = np.nonzero((label_image(view) == BACKGROUND) & (view.depth > 0))
+    rows, cols = np.nonzero((require_labels(view) == BACKGROUND) & (view.depth > 0))
     local = geometry.unproject(view.depth, view.intrinsics)[rows, cols].astype(float)
     return geometry.apply(view.T_world_camera, local)
 

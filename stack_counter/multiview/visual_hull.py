@@ -12,7 +12,7 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.errors import ScanError
-from stack_counter.segmentation.labels import label_image
+from stack_counter.segmentation.labels import require_labels
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS, UNSEEN, View
 
 _COARSE = 48  # voxels along the side of the first grid
@@ -22,7 +22,7 @@ _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1
 
 
 @dataclass(frozen=True)
-class Hull:
+class VisualHull:
     """Space that no view proves empty: its volume in m3, its middle (3,), and the voxels of its
     surface: centres (n, 3) float64, metres, world, and their side in metres."""
 
@@ -42,7 +42,9 @@ class _Outline:
     known: np.ndarray
 
 
-def carve(views: list[View], voxel_size: float, min_share: float, votes: int = 1) -> Hull:
+def carve_visual_hull(
+    views: list[View], voxel_size: float, min_share: float, votes: int = 1
+) -> VisualHull:
     """Carves from coarse to fine; only voxels that the outline cuts are divided.
 
     Args:
@@ -63,7 +65,7 @@ def carve(views: list[View], voxel_size: float, min_share: float, votes: int = 1
     while True:
         last = side <= voxel_size
         stands, full = _standing(voxels, outlines, side * np.sqrt(3) / 2, min_share, votes,
-                                last)
+                                 last)
         counted = stands if last else full
         volume += np.count_nonzero(counted) * side**3
         moment += voxels[counted].sum(axis=0) * side**3
@@ -78,11 +80,11 @@ def carve(views: list[View], voxel_size: float, min_share: float, votes: int = 1
     if volume == 0:
         raise ScanError(f"0 voxels left after carving with {len(views)} label images; expected "
                         "some: poses and labels disagree, or all labels are background")
-    return Hull(volume, moment / volume, cut, side)
+    return VisualHull(volume, moment / volume, cut, side)
 
 
 def _outline(view: View) -> _Outline:
-    labels = label_image(view)
+    labels = require_labels(view)
     # What is not known counts as kept, so that it carves nothing next to it.
     empty = (labels == BACKGROUND).astype(np.uint8)
     distance = cv2.distanceTransform(empty, cv2.DIST_L2, 5) \
@@ -95,7 +97,7 @@ def _common_space(views: list[View]) -> tuple[np.ndarray, float]:
     """Centre and side, metres, of a cube around what all outlines can hold."""
     rays, spreads = [], []
     for view in views:
-        rows, cols = np.nonzero(np.isin(label_image(view), (CONTAINER, PARTS)))
+        rows, cols = np.nonzero(np.isin(require_labels(view), (CONTAINER, PARTS)))
         if not len(rows):
             continue
         k = view.intrinsics

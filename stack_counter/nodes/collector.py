@@ -21,16 +21,16 @@ from tf2_msgs.msg import TFMessage
 
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import ConfigError, PartError, ViewError
-from stack_counter.nodes.scan_queue import Outbox, Scan
+from stack_counter.nodes.scan_queue import QueuedScan, ScanQueue
 from stack_counter.nodes.scan_recording import ScanRecording
 from stack_counter.parts.catalogue import resolve_part
 from stack_counter.ros.diagnostics import WARN, Rate
 from stack_counter.ros.lifecycle import RELIABLE, ManagedNode, run
 from stack_counter.ros.to_msg import to_header, to_posed_image
 from stack_counter.types import View, ViewTally
-from stack_counter.views.cycles import Cycle, CycleFormer
+from stack_counter.views.cycles import Cycle, CycleGrouper
 from stack_counter.views.decoding import stamp_ns
-from stack_counter.views.rig import RigAssembler, rig_of
+from stack_counter.views.rig import RigAssembler, load_rig
 
 _SILENT_S = 2.0  # without an image while a scan is open: an operator should look
 _TELL_AGAIN_S = 2.0
@@ -47,7 +47,7 @@ class Collector(ManagedNode[CollectorConfig]):
 
     def setup(self, config: CollectorConfig) -> None:
         """Subscribes to the cameras and offers the scan services."""
-        self._config, self._rig = config, rig_of(config)
+        self._config, self._rig = config, load_rig(config)
         self._asked: tuple[str, float] = (config.part, config.unit_volume_m3)
         self._known_part(*self._asked)  # or say why not
         self._assembler = RigAssembler(self._rig)
@@ -117,11 +117,11 @@ class Collector(ManagedNode[CollectorConfig]):
         return result
 
     def _forget_scans(self) -> None:
-        self._outbox = Outbox()
-        self._scan: Scan | None = None  # the last one: open or just closed
+        self._outbox = ScanQueue()
+        self._scan: QueuedScan | None = None  # the last one: open or just closed
         self._open = False  # images are taken
-        self._former = CycleFormer([c.name for c in self._rig.cameras], self._rig.tolerance_s,
-                                   self._rig.timeout_s, live=True)
+        self._former = CycleGrouper([c.name for c in self._rig.cameras], self._rig.tolerance_s,
+                                    self._rig.timeout_s, live=True)
         self._counted = ViewTally()  # images that earlier cycles account for
         self._late: Counter[str] = Counter()
         self._told_at = 0.0
@@ -168,7 +168,7 @@ class Collector(ManagedNode[CollectorConfig]):
             self._lost_on_the_way(scan)
         self._send()
 
-    def _lost_on_the_way(self, scan: Scan) -> None:
+    def _lost_on_the_way(self, scan: QueuedScan) -> None:
         """The reconstructor says that it has no scan: it started anew after views were sent."""
         now = time.monotonic()
         self._nothing_since = self._nothing_since or now
@@ -220,7 +220,7 @@ class Collector(ManagedNode[CollectorConfig]):
 
     def _close_cycle(self, cycle: Cycle) -> None:
         """A cycle is a scan of its own, with all its views there."""
-        scan = Scan(f"cycle_{cycle.stamp_ns}", *self._part_now())
+        scan = QueuedScan(f"cycle_{cycle.stamp_ns}", *self._part_now())
         for camera in self._former.cameras:
             if camera in cycle.views:
                 scan.add(camera, cycle.views[camera])
@@ -229,7 +229,7 @@ class Collector(ManagedNode[CollectorConfig]):
             self.get_logger().error(f"scan '{dropped.scan_id}' given up: {len(self._outbox)} "
                                     "scans wait; expected a faster reconstructor or longer cycles")
         self._close(scan)
-        self._recording.start(Scan("cycle", scan.part, scan.unit_volume))  # of the next one
+        self._recording.start(QueuedScan("cycle", scan.part, scan.unit_volume))  # of the next one
 
     def _send(self) -> None:
         while self._heard and (due := self._outbox.due()) is not None:
@@ -241,12 +241,12 @@ class Collector(ManagedNode[CollectorConfig]):
         if scan is not None and scan.closed and not scan.reported:
             self._tell(scan)
 
-    def _tell(self, scan: Scan) -> None:
+    def _tell(self, scan: QueuedScan) -> None:
         """The reconstructor shall know how many views there are; it may not have heard before."""
         scan.reported, self._told_at = True, time.monotonic()
         self._report(ScanStatus.STOPPED, scan)
 
-    def _report(self, state: int, of: Scan | None = None) -> None:
+    def _report(self, state: int, of: QueuedScan | None = None) -> None:
         scan = of or self._scan
         tally = scan.tally if scan is not None and scan.closed else self._tally()
         skipped = Counter(tally.skipped) + (scan.lost if scan is not None else Counter())
@@ -269,13 +269,13 @@ class Collector(ManagedNode[CollectorConfig]):
         self._counted, self._late = ViewTally(), Counter()
         self._scan, self._open = None, True
         if self._config.mode != "cycle":
-            self._scan = Scan(scan_id or uuid.uuid4().hex[:8], *self._part_now(),
-                              newest_only=self._config.mode == "continuous")
+            self._scan = QueuedScan(scan_id or uuid.uuid4().hex[:8], *self._part_now(),
+                                    newest_only=self._config.mode == "continuous")
             self._outbox.open(self._scan)
-        self._recording.start(self._scan or Scan("cycle", *self._part_now()))
+        self._recording.start(self._scan or QueuedScan("cycle", *self._part_now()))
         self._report(ScanStatus.SCANNING)
 
-    def _close(self, scan: Scan) -> None:
+    def _close(self, scan: QueuedScan) -> None:
         """No more views come; the reconstructor hears of it when it is this scan's turn."""
         # All views are decided: what follows is of no scan, or of another.
         self._recording.stop("stop_scan")

@@ -21,7 +21,7 @@ from stack_counter.ros.from_msg import from_stack_volume
 from stack_counter.ros.lifecycle import LATCHED, ManagedNode, run
 from stack_counter.ros.markers import count_markers, text_place
 from stack_counter.ros.to_msg import failed_count, to_stack_count
-from stack_counter.ros.verdicts import with_verdict
+from stack_counter.ros.verdicts import set_verdict
 from stack_counter.views.decoding import stamp_ns
 
 _LEVELS = {StackCount.STATUS_OK: OK, StackCount.STATUS_DEGRADED: WARN,
@@ -72,7 +72,7 @@ class CounterNode(ManagedNode[CounterConfig]):
         count.weights = self._config.weights or "shipped"
         count.age = (self.get_clock().now().nanoseconds - stamp_ns(message.header.stamp)) * 1e-9
         if not count.error:
-            count, _ = with_verdict(count, self._config.expected_count, self._config.tolerance)
+            count, _ = set_verdict(count, self._config.expected_count, self._config.tolerance)
         self._last = count
         self._count.publish(count)
         if count.error:

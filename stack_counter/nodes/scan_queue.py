@@ -13,7 +13,7 @@ _SCANS = 20  # scans kept, of which all but the first wait
 
 
 @dataclass
-class Scan:
+class QueuedScan:
     """One scan: what it is of, its views that wait, and how far it is.
 
     Attributes:
@@ -64,21 +64,21 @@ class Scan:
         return self.sent - self.processed < (1 if self.newest_only else _IN_FLIGHT)
 
 
-class Outbox:
+class ScanQueue:
     """Scans in order. The next one is sent when the reconstructor has finished the one before."""
 
     def __init__(self) -> None:
-        self._scans: deque[Scan] = deque()
+        self._scans: deque[QueuedScan] = deque()
 
     @property
-    def first(self) -> Scan | None:
+    def first(self) -> QueuedScan | None:
         """The scan that is being sent."""
         return self._scans[0] if self._scans else None
 
     def __len__(self) -> int:
         return len(self._scans)
 
-    def open(self, scan: Scan) -> list[Scan]:
+    def open(self, scan: QueuedScan) -> list[QueuedScan]:
         """Queues a scan; returns those that were given up for it."""
         self._scans.append(scan)
         dropped = []
@@ -92,7 +92,7 @@ class Outbox:
         while self._scans and self._scans[0].closed and self._scans[0].scan_id == scan_id:
             self._scans.popleft()
 
-    def due(self) -> tuple[Scan, str, View] | None:
+    def due(self) -> tuple[QueuedScan, str, View] | None:
         """The next view to send, if there is room for it."""
         scan = self.first
         if scan is None or not scan.waiting or not scan.has_room:

@@ -15,7 +15,7 @@ from tf2_msgs.msg import TFMessage
 from stack_counter import __version__
 from stack_counter.bag.recorder import Received, Recorder
 from stack_counter.config import CollectorConfig
-from stack_counter.nodes.scan_queue import Scan
+from stack_counter.nodes.scan_queue import QueuedScan
 from stack_counter.types import View
 from stack_counter.views import decoding
 
@@ -58,7 +58,7 @@ class ScanRecording:
 
         return tapped
 
-    def start(self, scan: Scan) -> None:
+    def start(self, scan: QueuedScan) -> None:
         """A scan begins."""
         self._overrun = []
         if self._recorder is not None:

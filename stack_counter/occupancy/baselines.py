@@ -147,9 +147,11 @@ def make_estimator(config: CounterConfig) -> OccupancyEstimator:
     weights, encoder, depth = (Path(text) if text else None for text in (
         config.weights, config.encoder_weights, config.depth_weights))
     if config.estimator == "network":
-        from stack_counter.occupancy.network import Network  # brings in torch, which takes seconds
+        from stack_counter.occupancy.network import (
+            NetworkEstimator,  # brings in torch, which takes seconds
+        )
 
-        return Network(weights, Prior(Baselines()), encoder, depth)
+        return NetworkEstimator(weights, Prior(Baselines()), encoder, depth)
     if config.estimator == "direct":
         from stack_counter.occupancy.direct_count import DirectCount
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import torch
 
-from stack_counter.pretrained import load_local
+from stack_counter.pretrained import load_pretrained
 
 _MEAN, _STD = np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225])  # ImageNet's
 _SHORT_SIDE = 518  # pixels that the model reads
@@ -27,8 +27,8 @@ class MonocularDepth:
         Raises:
             WeightsError: as `load_local`.
         """
-        self._model = load_local(folder, "depth_anything", "DepthAnythingForDepthEstimation",
-                                 "a Depth Anything model")
+        self._model = load_pretrained(folder, "depth_anything", "DepthAnythingForDepthEstimation",
+                                      "a Depth Anything model")
         self._patch = self._model.config.backbone_config.patch_size
 
     def nearness(self, color: np.ndarray) -> np.ndarray:

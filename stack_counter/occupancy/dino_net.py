@@ -13,8 +13,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from stack_counter.occupancy.gamma_net import FORM
-from stack_counter.pretrained import load_local
+from stack_counter.occupancy.gamma_net import SHAPE_OUTPUTS
+from stack_counter.pretrained import load_pretrained
 
 _SIDE = 448  # pixels: 32 patches of 14
 _WIDTHS = (512, 256, 128, 64)
@@ -31,7 +31,7 @@ class DinoNet(nn.Module):
             WeightsError: as `load_local`.
         """
         super().__init__()
-        self.encoder = load_local(folder, "dinov2", "Dinov2Model", "a DINOv2 model")
+        self.encoder = load_pretrained(folder, "dinov2", "Dinov2Model", "a DINOv2 model")
         self.encoder.requires_grad_(False)
         config = self.encoder.config
         self._patches = _SIDE // config.patch_size
@@ -62,7 +62,7 @@ class DinoNet(nn.Module):
         """Log gamma (b,), a constant log scale (b,), and zeros (b, FORM)."""
         gamma = self.gamma(x).float().clamp_min(1e-3)
         return (torch.log(gamma), torch.full_like(gamma, _LOG_SCALE),
-                gamma.new_zeros(len(gamma), FORM))
+                gamma.new_zeros(len(gamma), SHAPE_OUTPUTS))
 
     def loss(self, x: torch.Tensor, y: torch.Tensor, **_: object) -> torch.Tensor:
         """Squared error of gamma; `y`: (b, 1 + FORM), log gamma first."""

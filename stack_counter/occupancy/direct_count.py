@@ -15,7 +15,7 @@ import torch
 from stack_counter.errors import WeightsError
 from stack_counter.occupancy.baselines import OccupancyEstimator
 from stack_counter.occupancy.gamma_net import load_members
-from stack_counter.occupancy.maps import TILE, StackMaps, channels, crop, stack_maps
+from stack_counter.occupancy.maps import TILE, StackMaps, crop, network_channels, stack_maps
 from stack_counter.types import OccupancyEstimate, StackVolume
 
 SHIPPED = "direct.safetensors"
@@ -47,12 +47,14 @@ class DirectCount:
         """gamma such that gamma * V / v is the count that the picture looks like."""
         if volume.top is None or not volume.stack_volume > 0:
             return self._without_depth.estimate(volume, unit_volume)
-        log_count, spread = look(self._net, framed(stack_maps(volume, unit_volume)))
+        log_count, spread = predict_log_count(
+            self._net, fit_to_tile(stack_maps(volume, unit_volume))
+        )
         gamma = float(np.exp(log_count)) * unit_volume / volume.stack_volume
         return OccupancyEstimate(gamma, gamma * spread, self._scores, self.name, ())
 
 
-def framed(maps: StackMaps) -> StackMaps:
+def fit_to_tile(maps: StackMaps) -> StackMaps:
     """The whole stack in the middle of one tile, whatever its parts' size; heights are scaled
     alike."""
     scale = _SPAN * TILE / max(maps.valid.shape)
@@ -67,8 +69,8 @@ def framed(maps: StackMaps) -> StackMaps:
     return crop(StackMaps(top, height, inside, wall), (rows - TILE) // 2, (cols - TILE) // 2)
 
 
-def look(net: torch.nn.Module, tile: StackMaps) -> tuple[float, float]:
+def predict_log_count(net: torch.nn.Module, tile: StackMaps) -> tuple[float, float]:
     """Log of the count, and its standard deviation, from a framed stack."""
     with torch.inference_mode():
-        mean, scale, _ = net(torch.from_numpy(channels(tile))[None])
+        mean, scale, _ = net(torch.from_numpy(network_channels(tile))[None])
     return float(mean) + float(np.log(TYPICAL)), float(np.sqrt(2) * torch.exp(scale))

@@ -26,7 +26,7 @@ from stack_counter.occupancy.maps import CHANNELS
 
 FORMAT = "stack_counter gamma 1"
 TUNING = "stack_counter tuning 1"
-FORM = 3  # log part size, convexity and surface: learnt beside gamma
+SHAPE_OUTPUTS = 3  # log part size, convexity and surface: learnt beside gamma
 _SCALARS = 3
 _DOWN = 16  # of the feature map
 
@@ -73,7 +73,7 @@ class GammaNet(nn.Module):
         self.encoder = nn.Sequential(*layers)
         self.head = nn.Sequential(
             nn.Linear(2 * width_in * config.scales + _SCALARS, config.hidden), nn.ReLU(),
-            nn.Dropout(0.2), nn.Linear(config.hidden, 2 + FORM))
+            nn.Dropout(0.2), nn.Linear(config.hidden, 2 + SHAPE_OUTPUTS))
 
     def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """(b, CHANNELS, h, w) float32 of `channels` -> log gamma (b,), log of the scale of its

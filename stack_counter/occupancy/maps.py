@@ -80,7 +80,7 @@ def make_maps(top: np.ndarray, inner: np.ndarray, valid: np.ndarray, walled: boo
                      np.where(valid, wall, 0).astype(np.float32))
 
 
-def channels(maps: StackMaps) -> np.ndarray:
+def network_channels(maps: StackMaps) -> np.ndarray:
     """(CHANNELS, rows, cols) float32: what the network's first layer reads."""
     valid = maps.valid.astype(np.float32)
     sigma = _LOCAL * PIXELS_PER_LENGTH
@@ -113,11 +113,14 @@ def crop(maps: StackMaps, row: int, col: int) -> StackMaps:
     return StackMaps(cut(maps.top), cut(maps.height), cut(maps.valid), cut(maps.wall))
 
 
-def describe(maps: StackMaps) -> np.ndarray:
+def surface_features(maps: StackMaps) -> np.ndarray:
     """(6,) features that say whether a surface is of a kind seen before: logs of mean height, of
     the smaller side, of V in parts, and of how uneven the surface is about its surroundings, from
     pixel to pixel, and bent."""
-    local, inside = channels(maps)[0], cv2.erode(maps.valid.astype(np.uint8), np.ones((5, 5))) > 0
+    local, inside = (
+        network_channels(maps)[0],
+        cv2.erode(maps.valid.astype(np.uint8), np.ones((5, 5))) > 0,
+    )
     if not inside.any():
         inside = maps.valid
     step = np.abs(np.diff(local, axis=1, prepend=local[:, :1]))[inside]

@@ -19,11 +19,11 @@ from stack_counter.occupancy.gamma_net import GammaNet, load_members, read_tunin
 from stack_counter.occupancy.maps import (
     PIXELS_PER_LENGTH,
     StackMaps,
-    channels,
-    describe,
     key_view_maps,
+    network_channels,
     picture_maps,
     stack_maps,
+    surface_features,
     tiles,
 )
 from stack_counter.types import OccupancyEstimate, StackVolume
@@ -42,7 +42,7 @@ _DOUBTED, _SINGLE_VIEW = 1.5, 2.0  # times the spread, where there are reasons; 
 _TENSORS = ("scores", "scores_one_side", "centers", "middle", "whiten", "reach")
 
 
-class Network:
+class NetworkEstimator:
     """The gamma-network with its calibration."""
 
     def __init__(self, path: Path | None, without_depth: OccupancyEstimator,
@@ -67,7 +67,7 @@ class Network:
                                f"{sorted(_TENSORS)}")
         self._scores, self._one_side, self._centers, *known = (
             more[name].double().numpy() for name in _TENSORS)
-        self._known = Known(*known)
+        self._known = TrainingDomain(*known)
         self.name = f"network {facts.get('version', 'unnamed')}"
         self._without_depth = without_depth
         self._monocular: MonocularDepth | None = None
@@ -95,7 +95,7 @@ class Network:
         scores = self._one_side if one_side else self._scores
         log_gamma, spread, form = predict(self._members, maps)
         gamma = min(float(np.exp(log_gamma + self._centers[int(one_side)])), _LARGEST_GAMMA)
-        reasons, wider = doubts(
+        reasons, wider = doubt_reasons(
             maps, gamma * volume.stack_volume / unit_volume, float(np.exp(form[0])),
             volume.container.kind not in ("none", "hull"), self._known)
         if from_key_view:
@@ -112,7 +112,7 @@ class Network:
         """
         return hidden(self._members, stack_maps(volume, unit_volume))
 
-    def tuned(self, path: Path) -> Network:
+    def tuned(self, path: Path) -> NetworkEstimator:
         """The same with last layers that `part.tune` has adapted to one part.
 
         Raises:
@@ -145,7 +145,7 @@ class Network:
 
 
 @dataclass(frozen=True)
-class Known:
+class TrainingDomain:
     """What surfaces were learnt from: the middle of their features (6,), what whitens them (6, 6),
     and the distance that 99 of 100 of them keep from it (1,)."""
 
@@ -155,7 +155,7 @@ class Known:
 
     def strangeness(self, maps: StackMaps) -> float:
         """Mahalanobis distance of a surface's features from the middle, over that reach."""
-        away = (describe(maps) - self.middle) @ self.whiten
+        away = (surface_features(maps) - self.middle) @ self.whiten
         return float(np.linalg.norm(away) / self.reach[0])
 
 
@@ -163,7 +163,7 @@ def _tiled(maps: StackMaps) -> tuple[torch.Tensor, np.ndarray]:
     """Tiles that hold something, (n, CHANNELS, TILE, TILE), and their weights (n,)."""
     pieces = [piece for piece in tiles(maps) if piece.height.any()]
     weights = np.array([piece.height.sum() for piece in pieces], float)
-    return (torch.from_numpy(np.stack([channels(piece) for piece in pieces])),
+    return (torch.from_numpy(np.stack([network_channels(piece) for piece in pieces])),
             weights / weights.sum())
 
 
@@ -207,7 +207,7 @@ def _last_input(net: GammaNet, x: torch.Tensor) -> np.ndarray:
     return read[0].numpy()
 
 
-def doubts(maps: StackMaps, parts: float, size: float, walled: bool, known: Known
+def doubt_reasons(maps: StackMaps, parts: float, size: float, walled: bool, known: TrainingDomain
            ) -> tuple[list[str], float]:
     """Reasons to doubt an estimate, and how much wider they make its spread.
 

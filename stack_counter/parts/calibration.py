@@ -12,9 +12,9 @@ from stack_counter.counting import make_count
 from stack_counter.errors import PartError
 from stack_counter.occupancy.baselines import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
-from stack_counter.parts.counted_scan import CountedScan, focal_of, of_this_rig
+from stack_counter.parts.counted_scan import CountedScan, focal_of, scans_of_same_rig
 from stack_counter.parts.gamma_model import size_of
-from stack_counter.parts.informed_gamma import estimate_part, for_part, other_parts
+from stack_counter.parts.informed_gamma import estimate_occupancy, other_parts, tuned_estimator
 from stack_counter.types import StackCount, StackVolume
 
 _IMPLAUSIBLE = 3.0  # times the estimate, either way: a slip of the pen, or another bin
@@ -36,7 +36,7 @@ class Counted:
         return abs(self.drift) > _DRIFT
 
 
-def pieces(part: Part, weight: float, piece_weight: float) -> int:
+def count_from_weight(part: Part, weight: float, piece_weight: float) -> int:
     """How many parts weigh that much.
 
     Args:
@@ -76,7 +76,7 @@ def counted_scan(part: Part, volume: StackVolume, count: int, estimator: Occupan
         PartError: it cannot be used, or is refused without `force`.
         ScanError: no gamma can be said.
     """
-    before = make_count(volume, part.unit_volume, estimate_part(volume, part, estimator),
+    before = make_count(volume, part.unit_volume, estimate_occupancy(volume, part, estimator),
                         confidence)
     if count < 1:
         raise PartError(f"{count} parts counted, {before.count} estimated; expected 1 or more: "
@@ -91,7 +91,7 @@ def counted_scan(part: Part, volume: StackVolume, count: int, estimator: Occupan
     if not volume.stack_volume > (0.0 if force else count * part.unit_volume):
         raise PartError(f"{count} parts of {part.unit_volume * 1e6:.4g} cm3 counted in a stack of "
                         f"{volume.stack_volume * 1e6:.4g} cm3; expected less than it holds")
-    estimator = for_part(estimator, part)
+    estimator = tuned_estimator(estimator, part)
     said = float(np.log(estimator.estimate(volume, part.unit_volume).gamma))
     height, width = size_of(volume, part.unit_volume)
     scan = CountedScan(
@@ -111,14 +111,14 @@ def _check_new(scan: CountedScan, history: Sequence[CountedScan], volume: StackV
                                                atol=1e-4):
             raise PartError(f"{scan.bag} is there already, of {old.date}, {old.count} parts; "
                             "expected another scan; --force takes it all the same")
-    whys = [old.elsewhere(volume) for old in history]
+    whys = [old.rig_difference(volume) for old in history]
     if all(whys) and whys:
         raise PartError(f"{scan.bag} shows {whys[-1]}; --force takes it all the same, for that "
                         "other rig")
 
 
 def _drift(part: Part, volume: StackVolume, scan: CountedScan) -> float:
-    history = of_this_rig(part.counted, volume)
+    history = scans_of_same_rig(part.counted, volume)
     if not history:
         return 0.0
     models = part.models or other_parts()

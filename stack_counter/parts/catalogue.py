@@ -13,7 +13,7 @@ import yaml
 
 from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError, PartError
-from stack_counter.files import config_path, write_whole
+from stack_counter.files import config_path, write_atomically
 from stack_counter.parts.counted_scan import CountedScan
 from stack_counter.parts.gamma_model import PartModels, read_models
 
@@ -165,7 +165,7 @@ def remove_part(name: str, path: Path) -> None:
 def _write(parts: dict[str, Part], path: Path) -> None:
     text = _HEAD + "parts:\n" + "".join(_entry(parts[name], path.parent) for name in sorted(parts))
     _parsed(text, path)  # or say what could not be read again, before anything is lost
-    write_whole(path, text)
+    write_atomically(path, text)
 
 
 class _OnceLoader(yaml.SafeLoader):

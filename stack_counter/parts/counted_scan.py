@@ -63,7 +63,7 @@ class CountedScan:
         said = self.said if estimator == self.estimator else math.nan
         return Reading(self.height, self.width, said, self.log_gamma)
 
-    def elsewhere(self, volume: StackVolume) -> str:
+    def rig_difference(self, volume: StackVolume) -> str:
         """In what a scan differs from this one's rig; empty if in nothing."""
         kind, size = volume.container.kind, np.array(volume.container.inner_size_m)
         if kind != self.container:
@@ -87,11 +87,11 @@ class CountedScan:
         return json.dumps(values)
 
 
-def of_this_rig(history: Sequence[CountedScan], volume: StackVolume) -> list[CountedScan]:
+def scans_of_same_rig(history: Sequence[CountedScan], volume: StackVolume) -> list[CountedScan]:
     """Those counted scans that say something of a scan: of the same rig and way of looking."""
     one_side = "one_side" in volume.reasons
     return [scan for scan in history
-            if scan.one_side == one_side and not scan.elsewhere(volume)]
+            if scan.one_side == one_side and not scan.rig_difference(volume)]
 
 
 def focal_of(volume: StackVolume) -> float:

@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from stack_counter.errors import PartError, ScanError
-from stack_counter.files import write_whole
+from stack_counter.files import write_atomically
 from stack_counter.types import StackVolume
 
 FEATURES = 3
@@ -45,12 +45,12 @@ class Reading:
 
     height: float
     width: float
-    said: float = np.nan
-    true: float = np.nan
+    log_gamma_estimated: float = np.nan
+    log_gamma_counted: float = np.nan
 
 
 @dataclass(frozen=True)
-class Belief:
+class GammaPosterior:
     """What is thought of a scan's log gamma: mean, standard deviation (V's own error taken out),
     shares of what it comes from (they sum to 1), and by how many standard deviations the
     estimator is off what was expected of it."""
@@ -87,7 +87,7 @@ class GammaModel:
     source: str
 
     def believe(self, scan: Reading, counted: Sequence[Reading] = (), unit_std: float = 0.0
-                ) -> Belief:
+                ) -> GammaPosterior:
         """t of a scan.
 
         Args:
@@ -97,17 +97,22 @@ class GammaModel:
         """
         scans = [*counted, scan]
         mean, covariance = self._joint(scans, unit_std)
-        n, values = len(scans), np.array([[s.true, s.said] for s in scans]).T.ravel()
+        n, values = (
+            len(scans),
+            np.array([[s.log_gamma_counted, s.log_gamma_estimated] for s in scans]).T.ravel(),
+        )
         new, said = n - 1, 2 * n - 1
         known = np.flatnonzero(np.isfinite(values))
         history = known[known != said]
-        before, spread = _given(mean, covariance, values, history)  # counted scans alone
+        before, spread = condition_gaussian(
+            mean, covariance, values, history
+        )  # counted scans alone
         weight, surprise = 0.0, 0.0
-        if np.isfinite(scan.said):
-            difference = scan.said - before[said]
+        if np.isfinite(scan.log_gamma_estimated):
+            difference = scan.log_gamma_estimated - before[said]
             weight = float(np.clip(spread[new, said] / spread[said, said], 0, 1))
             surprise = float(difference) / np.sqrt(spread[said, said])
-        after, narrow = _given(mean, covariance, values, known)
+        after, narrow = condition_gaussian(mean, covariance, values, known)
         std = np.sqrt(max(narrow[new, new] - self.volume_variance,
                           _LEAST_SHARE * narrow[new, new]))
         learnt = 1 - (spread[new, new] - self.noise[0, 0]) / (
@@ -116,16 +121,18 @@ class GammaModel:
         shares = {"estimator": weight, self.source: (1 - weight) * (1 - learnt)}
         if len(history):
             shares["counted"] = (1 - weight) * learnt
-        return Belief(float(after[new]), float(std), shares, float(surprise))
+        return GammaPosterior(float(after[new]), float(std), shares, float(surprise))
 
     def expected_count_error(self, scan: Reading, counted: Sequence[Reading], unit_std: float = 0.0
                              ) -> float:
         """By how many standard deviations a counted scan disagrees with those before it."""
         mean, covariance = self._joint([*counted, scan], unit_std)
-        values = np.array([[s.true, s.said] for s in [*counted, scan]]).T.ravel()
+        values = np.array(
+            [[s.log_gamma_counted, s.log_gamma_estimated] for s in [*counted, scan]]
+        ).T.ravel()
         new, known = len(counted), np.flatnonzero(np.isfinite(values))
-        after, narrow = _given(mean, covariance, values, known[known != new])
-        return float((scan.true - after[new]) / np.sqrt(narrow[new, new]))
+        after, narrow = condition_gaussian(mean, covariance, values, known[known != new])
+        return float((scan.log_gamma_counted - after[new]) / np.sqrt(narrow[new, new]))
 
     def gamma_at(self, height: float, width: float) -> tuple[float, float]:
         """gamma of a fill before anything was seen of it, and its standard deviation."""
@@ -162,7 +169,7 @@ class PartModels:
     """A part's Gaussians.
 
     Attributes:
-        estimator: name of who said `Reading.said`.
+        estimator: name of who said `Reading.log_gamma_estimated`.
         arc: of scans from around.
         one_side: of single views from above.
         made: how, for people.
@@ -178,7 +185,7 @@ class PartModels:
         document = {"format": FORMAT, "estimator": self.estimator, "made": self.made,
                     **{name: _as_lists(getattr(self, name)) for name in _VIEWED}}
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, json.dumps(document) + "\n")
+        write_atomically(path, json.dumps(document) + "\n")
 
 
 _VIEWED = ("arc", "one_side")
@@ -243,8 +250,9 @@ def size_of(volume: StackVolume, unit_volume: float) -> tuple[float, float]:
     return volume.stack_volume / area / length, float(np.sqrt(area)) / length
 
 
-def _given(mean: np.ndarray, covariance: np.ndarray, values: np.ndarray, known: np.ndarray
-           ) -> tuple[np.ndarray, np.ndarray]:
+def condition_gaussian(
+    mean: np.ndarray, covariance: np.ndarray, values: np.ndarray, known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance of a Gaussian, some of whose values are known."""
     if not len(known):
         return mean, covariance

@@ -12,12 +12,12 @@ import numpy as np
 
 from stack_counter.occupancy.baselines import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
-from stack_counter.parts.counted_scan import of_this_rig
+from stack_counter.parts.counted_scan import scans_of_same_rig
 from stack_counter.parts.gamma_model import PartModels, Reading, read_models, size_of
 from stack_counter.types import OccupancyEstimate, StackVolume
 
 if TYPE_CHECKING:
-    from stack_counter.occupancy.network import Network
+    from stack_counter.occupancy.network import NetworkEstimator
 
 SHIPPED = "parts.json"
 _DISAGREE = 3.0  # standard deviations
@@ -30,7 +30,7 @@ def other_parts() -> PartModels:
     return read_models(Path(str(resources.files("stack_counter") / "weights" / SHIPPED)))
 
 
-def for_part(estimator: OccupancyEstimator, part: Part) -> OccupancyEstimator:
+def tuned_estimator(estimator: OccupancyEstimator, part: Part) -> OccupancyEstimator:
     """The estimator, or the network as it is tuned to a part.
 
     Raises:
@@ -38,20 +38,22 @@ def for_part(estimator: OccupancyEstimator, part: Part) -> OccupancyEstimator:
     """
     if part.tuned is None:
         return estimator
-    from stack_counter.occupancy.network import Network  # brings in torch, which takes seconds
+    from stack_counter.occupancy.network import (
+        NetworkEstimator,  # brings in torch, which takes seconds
+    )
 
-    if not isinstance(estimator, Network):
+    if not isinstance(estimator, NetworkEstimator):
         return estimator
     return _tuned(estimator, part.tuned,
                   part.tuned.stat().st_mtime_ns if part.tuned.exists() else 0)
 
 
 @lru_cache(maxsize=8)
-def _tuned(network: Network, path: Path, changed_ns: int) -> Network:
+def _tuned(network: NetworkEstimator, path: Path, changed_ns: int) -> NetworkEstimator:
     return network.tuned(path)
 
 
-def estimate_part(volume: StackVolume, part: Part, estimator: OccupancyEstimator
+def estimate_occupancy(volume: StackVolume, part: Part, estimator: OccupancyEstimator
                   ) -> OccupancyEstimate:
     """gamma from the estimator, joined with what is known of the part.
 
@@ -65,9 +67,9 @@ def estimate_part(volume: StackVolume, part: Part, estimator: OccupancyEstimator
         ScanError: as `OccupancyEstimator.estimate`.
         PartError, WeightsError: the part's files cannot be read.
     """
-    estimator = for_part(estimator, part)
+    estimator = tuned_estimator(estimator, part)
     said = estimator.estimate(volume, part.unit_volume)
-    history = of_this_rig(part.counted, volume)
+    history = scans_of_same_rig(part.counted, volume)
     reasons = said.reasons + (("part_unused",) if part.overridden else ())
     if part.counted and not history:
         reasons += ("calibrated_elsewhere",)

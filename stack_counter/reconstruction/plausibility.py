@@ -61,20 +61,20 @@ def _gaps(one: View, other: View) -> np.ndarray:
     return (seen - z[inside])[seen > 0]
 
 
-def cut_everywhere(views: list[View], region: Region) -> bool:
+def stack_leaves_every_image(views: list[View], region: Region) -> bool:
     """Whether every view has something that stands on the plane at the border of its image."""
     return all(_cut(view, region) for view in views)
 
 
 def _cut(view: View, region: Region) -> bool:
     points = world_points(view)
-    standing = region.holds(points) & (points[..., 2] > region.plane_z + region.lowest)
+    standing = region.contains(points) & (points[..., 2] > region.plane_z + region.lowest)
     b = _BORDER_PX
     border = [standing[:b], standing[-b:], standing[:, :b], standing[:, -b:]]
     return bool(np.concatenate([x.ravel() for x in border]).mean() > _CUT)
 
 
-def other_container(views: list[View], region: Region) -> str | None:
+def second_container(views: list[View], region: Region) -> str | None:
     """Where else a container stands, in words, if the region holds one and is not the only one.
 
     Args:
@@ -84,7 +84,7 @@ def other_container(views: list[View], region: Region) -> str | None:
     points = np.concatenate([p[np.isfinite(p[:, 2])] for p in
                              (world_points(v, _COARSE).reshape(-1, 3) for v in views)])
     points = points[points[:, 2] > region.plane_z + region.lowest]
-    inside = region.holds(points)
+    inside = region.contains(points)
     blobs = [points[inside], largest_blob(points[~inside])]
     rims = [_coarse_rim(blob, region) for blob in blobs]
     if any(rim is None for rim in rims):
@@ -104,5 +104,5 @@ def _coarse_rim(points: np.ndarray, region: Region) -> Rim | None:
     heights[np.isinf(heights)] = np.nan
     T_world_map = geometry.pose(np.eye(3), np.append(low, region.plane_z))
     rim = find_rim(HeightMap(T_world_map, _CELL, heights), region.lowest, "auto")
-    sure = rim is not None and rim.share >= _SURE_RIM and rim.form.kind in ("box", "round")
+    sure = rim is not None and rim.outline_share >= _SURE_RIM and rim.form.kind in ("box", "round")
     return rim if sure else None

@@ -12,7 +12,7 @@ from stack_counter.container.detection import with_floor
 from stack_counter.container.inner_surface import opening_map
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region
-from stack_counter.fusion.tsdf import TopView
+from stack_counter.fusion.tsdf import FusedSurface
 from stack_counter.types import Container, HeightMap
 
 _EDGE = 1.5  # voxels next to a wall in which the fused surface is the wall's rounded shoulder
@@ -39,7 +39,7 @@ _FILL_ERROR, _FLOOR_ERROR, _MODEL_ERROR, _HEAP_ERROR = 0.1, 0.1, 0.01, 0.04
 
 
 @dataclass(frozen=True)
-class Measure:
+class MeasuredStack:
     """V and its standard deviation (m3), the maps it was integrated from (None without depth),
     the share of the footprint that was seen, min, mean and max fill level, and the container
     with its floor."""
@@ -54,7 +54,7 @@ class Measure:
 
 
 @dataclass(frozen=True)
-class _Integral:
+class FillIntegral:
     """V and its parts: m3 over what was seen, m3 over what was filled in, area in m2 of the cells
     that hold something, and the fill of every cell, m."""
 
@@ -64,16 +64,16 @@ class _Integral:
     fill: np.ndarray
 
 
-def _integral(fill: np.ndarray, seen: np.ndarray, cell_area: float, hidden: float) -> _Integral:
+def _integral(fill: np.ndarray, seen: np.ndarray, cell_area: float, hidden: float) -> FillIntegral:
     """Integrates (n,) fill heights over cells of an area, m2, that were seen, or filled in: of
     those the share `hidden` counts."""
     fill = np.where(fill < _NOISE, 0.0, np.where(seen, fill, hidden * fill))
     fill = np.where(fill > 0, fill + _WORN, 0.0)
-    return _Integral(float(fill.sum()) * cell_area, float(fill[~seen].sum()) * cell_area,
-                     np.count_nonzero(fill) * cell_area, fill)
+    return FillIntegral(float(fill.sum()) * cell_area, float(fill[~seen].sum()) * cell_area,
+                        np.count_nonzero(fill) * cell_area, fill)
 
 
-def _std(of: _Integral, region: Region, edge: float, *more: float) -> float:
+def _std(of: FillIntegral, region: Region, edge: float, *more: float) -> float:
     """Standard deviation of V in m3; `edge`: that of the walls' places in m2 of a vertical cut
     times m; `more`: further ones, m3."""
     parts = [(_LEVEL_ERROR + _NOISE_ERROR * region.noise) * of.area, _MODEL_ERROR * of.volume,
@@ -81,8 +81,8 @@ def _std(of: _Integral, region: Region, edge: float, *more: float) -> float:
     return float(np.linalg.norm(parts)) if of.volume > 0 else 0.0
 
 
-def measure(view: TopView, container: Container, region: Region, pitch: float,
-            floor_known: bool, one_side: bool = False) -> Measure:
+def measure_stack(view: FusedSurface, container: Container, region: Region, pitch: float,
+                  floor_known: bool, one_side: bool = False) -> MeasuredStack:
     """Integrates the stack over the container's opening, or over the heap's footprint.
 
     Cells that no view saw are filled in from those beside them.
@@ -103,8 +103,8 @@ def measure(view: TopView, container: Container, region: Region, pitch: float,
     return _measure_inside(view, container, region, pitch, floor_known, one_side)
 
 
-def _measure_inside(view: TopView, container: Container, region: Region, pitch: float,
-                    floor_known: bool, one_side: bool) -> Measure:
+def _measure_inside(view: FusedSurface, container: Container, region: Region, pitch: float,
+                    floor_known: bool, one_side: bool) -> MeasuredStack:
     inner, area = opening_map(container, pitch)
     opening = np.isfinite(inner.heights)
     top = view.heights(inner.T_world_map, pitch, inner.heights.shape)
@@ -127,10 +127,15 @@ def _measure_inside(view: TopView, container: Container, region: Region, pitch: 
     depth = container.inner_size_m[2]
     low, high = np.percentile(of.fill, [1, 99])
     heights = np.where(opening, heights, np.nan).astype(np.float32)
-    return Measure(of.volume, _std(of, region, edge, floor_error), replace(top, heights=heights),
-                   inner, float(seen[opening].mean()),
-                   (float(low) / depth, float(of.fill.mean()) / depth, float(high) / depth),
-                   container)
+    return MeasuredStack(
+        of.volume,
+        _std(of, region, edge, floor_error),
+        replace(top, heights=heights),
+        inner,
+        float(seen[opening].mean()),
+        (float(low) / depth, float(of.fill.mean()) / depth, float(high) / depth),
+        container,
+    )
 
 
 def _away_from_walls(opening: np.ndarray) -> np.ndarray:
@@ -191,8 +196,8 @@ def _standing(heights: np.ndarray, one_side: bool) -> np.ndarray:
     return large[names]
 
 
-def _measure_heap(view: TopView, container: Container, region: Region, pitch: float,
-                  one_side: bool) -> Measure:
+def _measure_heap(view: FusedSurface, container: Container, region: Region, pitch: float,
+                  one_side: bool) -> MeasuredStack:
     shape = tuple(int(n) for n in np.ceil((region.high - region.low)[1::-1] / pitch))
     T_world_map = geometry.pose(np.eye(3), np.append(region.low[:2], region.plane_z))
     top = view.heights(T_world_map, pitch, (shape[0], shape[1]))
@@ -203,5 +208,12 @@ def _measure_heap(view: TopView, container: Container, region: Region, pitch: fl
     of = _integral(heights[stack], seen[stack], pitch**2,
                    _HIDDEN_HEAP if one_side else _HIDDEN)
     inner = HeightMap(T_world_map, pitch, np.where(stack, np.float32(0), np.float32(np.nan)))
-    return Measure(of.volume, _std(of, region, 0.0, _HEAP_ERROR * of.volume),
-                   replace(top, heights=heights), inner, coverage, (0.0, 0.0, 0.0), container)
+    return MeasuredStack(
+        of.volume,
+        _std(of, region, 0.0, _HEAP_ERROR * of.volume),
+        replace(top, heights=heights),
+        inner,
+        coverage,
+        (0.0, 0.0, 0.0),
+        container,
+    )

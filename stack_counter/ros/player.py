@@ -26,7 +26,7 @@ from stack_counter.config import NAMESPACE, Config
 from stack_counter.counting import flagged
 from stack_counter.ros.from_msg import from_stack_count, from_tally
 from stack_counter.ros.processes import NodeError, NodeProcesses, private_environment
-from stack_counter.views.rig import RigAssembler, rig_of
+from stack_counter.views.rig import RigAssembler, load_rig
 
 _AHEAD = 4  # images played that have not yet been processed
 _START_WITHIN_S = 60.0
@@ -223,7 +223,7 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     os.environ.update(environment)  # read by the DDS library when the context starts
     context = rclpy.context.Context()
     reader = BagReader(path)
-    rig = fit_rig(rig_of(config.collector), reader.topics)
+    rig = fit_rig(load_rig(config.collector), reader.topics)
     cycles = config.collector.mode == "cycle"
     collector = config.collector if config.collector.rig else rig.cameras[0].config
     # All that the bag has will come, however slowly: only what it lacks is not worth a long wait.

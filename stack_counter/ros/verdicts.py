@@ -10,7 +10,7 @@ _VERDICTS = {"none": StackCount.VERDICT_NONE, "pass": StackCount.VERDICT_PASS,
              "fail": StackCount.VERDICT_FAIL, "unsure": StackCount.VERDICT_UNSURE}
 
 
-def with_verdict(count: StackCount, expected: int, tolerance: int) -> tuple[StackCount, str]:
+def set_verdict(count: StackCount, expected: int, tolerance: int) -> tuple[StackCount, str]:
     """The count with its verdict against what is expected (0: nothing), and one line on it."""
     name = verdict((count.count_low, count.count_high), expected, tolerance)
     count.verdict = _VERDICTS[name]

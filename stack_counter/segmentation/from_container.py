@@ -36,7 +36,7 @@ class Geometric:
     def _labels(self, points: np.ndarray) -> np.ndarray:
         """(h, w) uint8 label image of (h, w, 3) world points, metres; NaN is background."""
         labels = np.full(points.shape[:2], BACKGROUND, np.uint8)
-        standing = self._region.holds(points) & (points[..., 2] > self._region.plane_z + _NOISE)
+        standing = self._region.contains(points) & (points[..., 2] > self._region.plane_z + _NOISE)
         if self._wall is None:
             labels[standing] = PARTS
             return labels

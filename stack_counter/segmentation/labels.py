@@ -8,7 +8,7 @@ from stack_counter.errors import ViewError
 from stack_counter.types import View
 
 
-def label_image(view: View) -> np.ndarray:
+def require_labels(view: View) -> np.ndarray:
     """(h, w) uint8 label image of the view.
 
     Raises:
@@ -28,4 +28,4 @@ class GivenLabels:
         Raises:
             ViewError: reason `no_labels`.
         """
-        return label_image(view)[::stride, ::stride]
+        return require_labels(view)[::stride, ::stride]

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import torch
 
-from stack_counter.pretrained import load_local
+from stack_counter.pretrained import load_pretrained
 from stack_counter.segmentation.prompted.segmenter import check_views
 from stack_counter.segmentation.prompts import Prompts
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS, View
@@ -41,7 +41,9 @@ class Sam2:
             WeightsError: folder or safetensors missing, damaged, of another model or incomplete;
                 or `transformers` is not installed.
         """
-        self._model = load_local(folder, "sam2_video", "Sam2VideoModel", "a SAM 2 video model")
+        self._model = load_pretrained(
+            folder, "sam2_video", "Sam2VideoModel", "a SAM 2 video model"
+        )
         from transformers import Sam2VideoInferenceSession
 
         self._session = Sam2VideoInferenceSession

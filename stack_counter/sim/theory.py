@@ -14,7 +14,7 @@ import sys
 import numpy as np
 import trimesh
 
-from stack_counter.sim.physics.drop import drop
+from stack_counter.sim.physics.drop import simulate_pile
 from stack_counter.sim.physics.plans import Plan
 from stack_counter.sim.scenes.containers import ContainerShape
 from stack_counter.sim.scenes.scene import Scene, SceneError
@@ -35,7 +35,7 @@ def pile(shape: Shape, width: float, depth: float, count: int, taps: int = 0,
     plan = Plan(shape, box, np.array([0.95, 0.95]) * width * size, count, 0.4, 0.1, taps)
     for attempt in range(seed, seed + _TRIES):
         try:
-            return drop(plan, np.random.default_rng(attempt), decompose=decompose)
+            return simulate_pile(plan, np.random.default_rng(attempt), decompose=decompose)
         except SceneError as error:
             print(f"{shape.family}: {error}", file=sys.stderr)
     raise SceneError(f"{shape.family}: no try of {_TRIES} came to rest")

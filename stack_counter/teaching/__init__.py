@@ -4,6 +4,6 @@ What is named here is for `eval`; the rest is for the command line.
 """
 
 from stack_counter.teaching.add_part import make_order, models_of, simulate_part
-from stack_counter.teaching.simulated_piles import Pile, Seen
+from stack_counter.teaching.simulated_piles import Pile, PileScan
 
-__all__ = ["Pile", "Seen", "make_order", "models_of", "simulate_part"]
+__all__ = ["Pile", "PileScan", "make_order", "models_of", "simulate_part"]

@@ -12,11 +12,11 @@ from stack_counter.occupancy.baselines import make_estimator
 from stack_counter.parts.gamma_model import PartModels
 from stack_counter.sim import FRICTION, ShapeError, shape_from_mesh
 from stack_counter.teaching.model_fit import fit_model
-from stack_counter.teaching.simulated_piles import Order, Pile, rig_container, simulate_piles
+from stack_counter.teaching.simulated_piles import Pile, PileRequest, rig_container, simulate_piles
 
 
 def make_order(vertices: np.ndarray, faces: np.ndarray, config: Config,
-               friction: tuple[float, float] = FRICTION, tune: bool = False) -> Order:
+               friction: tuple[float, float] = FRICTION, tune: bool = False) -> PileRequest:
     """What to simulate for a part on the rig that the settings describe.
 
     Args:
@@ -36,10 +36,10 @@ def make_order(vertices: np.ndarray, faces: np.ndarray, config: Config,
     if tune and (config.counter.estimator != "network" or config.counter.encoder_weights):
         raise PartError(f"the estimator is '{config.counter.estimator}' with encoder_weights "
                         f"'{config.counter.encoder_weights}'; expected 'network' without, to tune")
-    return Order(shape, rig_container(config.reconstructor), friction, config.counter, tune)
+    return PileRequest(shape, rig_container(config.reconstructor), friction, config.counter, tune)
 
 
-def simulate_part(order: Order, piles: int, workers: int, on_pile: Callable[[], None]
+def simulate_part(order: PileRequest, piles: int, workers: int, on_pile: Callable[[], None]
                   ) -> list[Pile]:
     """The piles; `on_pile` is called after each.
 
@@ -57,7 +57,7 @@ def simulate_part(order: Order, piles: int, workers: int, on_pile: Callable[[], 
     return made
 
 
-def models_of(order: Order, piles: list[Pile], estimator: str = "") -> PartModels:
+def models_of(order: PileRequest, piles: list[Pile], estimator: str = "") -> PartModels:
     """What the piles say; `estimator`: its name, where it is another than the order's.
 
     Raises:

@@ -9,7 +9,7 @@ import numpy as np
 
 from stack_counter.errors import PartError
 from stack_counter.parts.gamma_model import FEATURES, GammaModel, features
-from stack_counter.teaching.simulated_piles import Seen
+from stack_counter.teaching.simulated_piles import PileScan
 
 _LEAST_PILES = 24  # of some eight numbers to find
 # What all scans of a rig have in common of log V's error, by its container's walls and floor:
@@ -24,7 +24,7 @@ _LEAST_OWN = 0.5  # of the noise of piles that the network does not hear, what i
 _FAR = 4.0  # median absolute deviations; farther off, the scan has missed its container
 
 
-def fit_model(piles: Sequence[Seen], seen: str = "around") -> GammaModel:
+def fit_model(piles: Sequence[PileScan], seen: str = "around") -> GammaModel:
     """Fits the Gaussian of `part_model` to piles of known friction, `seen` as `OF_THE_RIG` says.
 
     What the scans of a rig share is the friction of its parts, uniform over the piles' range, how
@@ -44,19 +44,19 @@ def fit_model(piles: Sequence[Seen], seen: str = "around") -> GammaModel:
     return replace(every, scores=np.sort(scores))
 
 
-def left_out_error(piles: Sequence[Seen], seen: str) -> float:
+def left_out_error(piles: Sequence[PileScan], seen: str) -> float:
     """Mean squared error of log gamma, each pile by a model that has not seen it; those far off
     are left out."""
     usual = [piles[i] for i in _kept(*_arrays(piles))]
     misses = []
     for left in usual:
         model = _fitted([p for p in usual if p is not left], seen)
-        misses.append(left.reading.true
+        misses.append(left.reading.log_gamma_counted
                       - model.believe(replace(left.reading, true=np.nan)).mean)
     return float(np.mean(np.square(misses)))
 
 
-def _fitted(piles: Sequence[Seen], seen: str) -> GammaModel:
+def _fitted(piles: Sequence[PileScan], seen: str) -> GammaModel:
     x, values = _arrays(piles)
     coefficients, noise, doubt = _regression(x, values)
     per_friction = coefficients[:, FEATURES]
@@ -77,20 +77,24 @@ def _fitted(piles: Sequence[Seen], seen: str) -> GammaModel:
                       per_friction, "piles")
 
 
-def _score(model: GammaModel, pile: Seen) -> float:
+def _score(model: GammaModel, pile: PileScan) -> float:
     """The error of a pile that the model has not seen, in its standard deviations."""
     belief = model.believe(replace(pile.reading, true=np.nan))
-    return float((pile.reading.true - belief.mean) / np.hypot(belief.std, pile.volume_std))
+    return float(
+        (pile.reading.log_gamma_counted - belief.mean) / np.hypot(belief.std, pile.volume_std)
+    )
 
 
-def _arrays(piles: Sequence[Seen]) -> tuple[np.ndarray, np.ndarray]:
+def _arrays(piles: Sequence[PileScan]) -> tuple[np.ndarray, np.ndarray]:
     """(n, FEATURES + 1) features, friction about the middle of its range last; (n, 2) t and y."""
     friction = np.array([p.friction for p in piles])
     x = features(np.array([p.reading.height for p in piles]),
                  np.array([p.reading.width for p in piles]))
     middle = (friction.min() + friction.max()) / 2
-    return (np.column_stack([x, friction - middle]),
-            np.array([[p.reading.true, p.reading.said] for p in piles]))
+    return (
+        np.column_stack([x, friction - middle]),
+        np.array([[p.reading.log_gamma_counted, p.reading.log_gamma_estimated] for p in piles]),
+    )
 
 
 def _regression(x: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ from stack_counter.config import CounterConfig, ReconstructorConfig
 from stack_counter.container.catalogue import configured_container
 from stack_counter.errors import PartError, ScanError, StackCounterError
 from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
-from stack_counter.occupancy.network import Network
+from stack_counter.occupancy.network import NetworkEstimator
 from stack_counter.parts.gamma_model import Reading, size_of
 from stack_counter.sim import (
     ContainerShape,
@@ -23,9 +23,9 @@ from stack_counter.sim import (
     SceneError,
     Shape,
     deep_container,
-    drop,
     most_parts,
     pile_in,
+    simulate_pile,
 )
 from stack_counter.train import reconstruct, reconstruct_from_above
 from stack_counter.types import StackVolume
@@ -36,7 +36,7 @@ _SEED = 0xADD
 
 
 @dataclass(frozen=True)
-class Seen:
+class PileScan:
     """One simulated pile as one kind of scan shows it: what is read, the relative standard
     deviation of V, the friction it was made with, and, if the network shall be tuned, what its
     last layers read, (members, h)."""
@@ -51,12 +51,12 @@ class Seen:
 class Pile:
     """A pile seen in an arc of views, and in one from above; None where that scan is refused."""
 
-    arc: Seen | None
-    above: Seen | None
+    arc: PileScan | None
+    above: PileScan | None
 
 
 @dataclass(frozen=True)
-class Order:
+class PileRequest:
     """What to simulate.
 
     Attributes:
@@ -76,7 +76,7 @@ class Order:
     seed: int = _SEED
 
 
-def simulate_piles(order: Order, count: int, workers: int) -> Iterator[Pile]:
+def simulate_piles(order: PileRequest, count: int, workers: int) -> Iterator[Pile]:
     """That many piles, as they get done.
 
     Raises:
@@ -96,7 +96,7 @@ def simulate_piles(order: Order, count: int, workers: int) -> Iterator[Pile]:
             raise
 
 
-def make_pile(order: Order, index: int) -> Pile:
+def make_pile(order: PileRequest, index: int) -> Pile:
     """Pile `index`: depends on the order and the index alone.
 
     Raises:
@@ -117,12 +117,12 @@ def make_pile(order: Order, index: int) -> Pile:
                   for how in (reconstruct, reconstruct_from_above)))
 
 
-def _dropped(order: Order, random: np.random.Generator, index: int) -> Scene:
+def _dropped(order: PileRequest, random: np.random.Generator, index: int) -> Scene:
     most = most_parts(order.shape)
     container = deep_container(random, order.shape, most) if order.container is None \
         else scaled(order.container, float(np.exp(random.uniform(-1, 1) * np.log(_SIZES))))
-    return drop(pile_in(random, order.shape, container, order.friction, most), random,
-                order.seed, index)
+    return simulate_pile(pile_in(random, order.shape, container, order.friction, most), random,
+                         order.seed, index)
 
 
 @cache
@@ -131,20 +131,25 @@ def _estimator(config: CounterConfig) -> OccupancyEstimator:
 
 
 def _seen(scene: Scene, how: Callable[[Scene], StackVolume], estimator: OccupancyEstimator,
-          tune: bool) -> Seen | None:
+          tune: bool) -> PileScan | None:
     v = scene.truth.unit_volume
     try:
         volume = how(scene)
-        return Seen(read(volume, v, estimator, scene.truth.count), volume.stack_volume_std
-                    / volume.stack_volume, scene.friction,
-                    estimator.hidden(volume, v) if tune and isinstance(estimator, Network)
-                    else None)
+        return PileScan(
+            counted_reading(volume, v, estimator, scene.truth.count),
+            volume.stack_volume_std / volume.stack_volume,
+            scene.friction,
+            estimator.hidden(volume, v)
+            if tune and isinstance(estimator, NetworkEstimator)
+            else None,
+        )
     except StackCounterError:
         return None
 
 
-def read(volume: StackVolume, unit_volume: float, estimator: OccupancyEstimator, count: int
-         ) -> Reading:
+def counted_reading(
+    volume: StackVolume, unit_volume: float, estimator: OccupancyEstimator, count: int
+) -> Reading:
     """A counted scan.
 
     Raises:

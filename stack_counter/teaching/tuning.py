@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stack_counter.teaching.model_fit import left_out_error
-from stack_counter.teaching.simulated_piles import Pile, Seen
+from stack_counter.teaching.simulated_piles import Pile, PileScan
 
 _PENALTIES = np.logspace(-3, 2, 11)  # of the ridge, in mean squares of what is read
 
@@ -34,7 +34,7 @@ def tune(piles: list[Pile]) -> Tuning:
     """
     usable = [pile for pile in piles if pile.arc is not None]
     z = np.array([_read(pile.arc) for pile in usable])
-    misses = np.array([pile.arc.reading.true - pile.arc.reading.said
+    misses = np.array([pile.arc.reading.log_gamma_counted - pile.arc.reading.log_gamma_estimated
                        for pile in usable if pile.arc is not None])
     penalty = min(_PENALTIES, key=lambda p: float((_left_out(z, misses, p) ** 2).sum()))
     changed = []
@@ -58,7 +58,7 @@ def _errors(piles: list[Pile]) -> np.ndarray:
     return np.array([left_out_error(seen, kind) for kind, seen in kinds if seen])
 
 
-def _read(seen: Seen | None) -> np.ndarray:
+def _read(seen: PileScan | None) -> np.ndarray:
     assert seen is not None and seen.hidden is not None  # piles of an order with `tune`
     return seen.hidden.ravel()
 
@@ -82,8 +82,8 @@ def _left_out(z: np.ndarray, misses: np.ndarray, penalty: float) -> np.ndarray:
     return np.array(out)
 
 
-def _shifted(seen: Seen | None, weight: np.ndarray, bias: float) -> Seen | None:
+def _shifted(seen: PileScan | None, weight: np.ndarray, bias: float) -> PileScan | None:
     if seen is None or seen.hidden is None:
         return None
-    said = seen.reading.said + float(seen.hidden.ravel() @ weight) + bias
+    said = seen.reading.log_gamma_estimated + float(seen.hidden.ravel() @ weight) + bias
     return replace(seen, reading=replace(seen.reading, said=said))

@@ -22,8 +22,8 @@ from torch import nn
 
 from stack_counter.errors import ConfigError
 from stack_counter.occupancy.gamma_net import save_members
-from stack_counter.occupancy.maps import describe
-from stack_counter.occupancy.network import Known, doubts, predict
+from stack_counter.occupancy.maps import surface_features
+from stack_counter.occupancy.network import TrainingDomain, doubt_reasons, predict
 from stack_counter.train.data.batches import fold_of
 from stack_counter.train.data.fused import Scan, read_scans
 from stack_counter.train.gamma import read_member
@@ -44,7 +44,7 @@ class Residual:
 
 
 def residuals(members: dict[int, nn.Module], scans: list[Scan], fold: dict[str, int],
-              known: Known) -> list[Residual]:
+              known: TrainingDomain) -> list[Residual]:
     """Of all scans of whose fold there is a member; doubted as at run time."""
     out = []
     for scan in scans:
@@ -54,21 +54,25 @@ def residuals(members: dict[int, nn.Module], scans: list[Scan], fold: dict[str, 
         sample = scan.sample
         log_gamma, spread, form = predict([net], sample.maps)
         parts = float(np.exp(log_gamma)) * scan.volume / sample.length_m**3
-        _, wider = doubts(sample.maps, parts, float(np.exp(form[0])), sample.kind != "none", known)
+        _, wider = doubt_reasons(
+            sample.maps, parts, float(np.exp(form[0])), sample.kind != "none", known
+        )
         miss = np.log(scan.sample.gamma) - log_gamma + np.log(scan.true_volume / scan.volume)
         out.append(Residual(scan, float(np.exp(log_gamma)), float(miss),
                             float(np.hypot(spread * wider, scan.volume_std / scan.volume))))
     return out
 
 
-def known_from(scans: list[Scan]) -> Known:
+def known_from(scans: list[Scan]) -> TrainingDomain:
     """What the surfaces of scans say."""
-    features = np.array([describe(s.sample.maps) for s in scans if s.sample.maps.height.any()])
+    features = np.array(
+        [surface_features(s.sample.maps) for s in scans if s.sample.maps.height.any()]
+    )
     middle = features.mean(axis=0)
     values, vectors = np.linalg.eigh(np.cov(features.T) + _SOFT * np.eye(features.shape[1]))
     whiten = vectors / np.sqrt(values)
     reach = np.quantile(np.linalg.norm((features - middle) @ whiten, axis=1), _KNOWN)
-    return Known(middle, whiten, np.array([reach]))
+    return TrainingDomain(middle, whiten, np.array([reach]))
 
 
 def center_of(of: list[Residual]) -> float:

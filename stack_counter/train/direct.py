@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from stack_counter.occupancy.direct_count import TYPICAL, framed, look
+from stack_counter.occupancy.direct_count import TYPICAL, fit_to_tile, predict_log_count
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig, save_members
 from stack_counter.train.data.batches import fold_of
 from stack_counter.train.data.heights import Sample
@@ -24,7 +24,7 @@ _WIDTHS = (16, 32, 48, 64)
 
 def to_learn_count(sample: Sample) -> Sample:
     """The sample as one framed picture whose answer is its count."""
-    return replace(sample, maps=framed(sample.maps), gamma=sample.count / TYPICAL)
+    return replace(sample, maps=fit_to_tile(sample.maps), gamma=sample.count / TYPICAL)
 
 
 def main() -> int:
@@ -47,7 +47,7 @@ def main() -> int:
     path = options.out / "direct.pt"
     train_member(net, known, held, config, path)
     net.load_state_dict(torch.load(path, weights_only=True)["best"])
-    said = [look(net.eval(), s.maps) for s in held.samples]
+    said = [predict_log_count(net.eval(), s.maps) for s in held.samples]
     miss = np.array([np.log(s.gamma * TYPICAL) - log for s, (log, _) in zip(held.samples, said)])
     errors = {"scans": len(miss),
               "count_mean_relative_error": float(np.abs(np.expm1(-miss)).mean())}

@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 
 from stack_counter.occupancy.gamma_net import load_members
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
-from stack_counter.occupancy.network import Known
+from stack_counter.occupancy.network import TrainingDomain
 from stack_counter.parts.gamma_model import FEATURES, GammaModel, PartModels, Reading, features
 from stack_counter.sim import SCENES_PER_RIG
 from stack_counter.train.calibrate import Residual, center_of, residuals
@@ -111,10 +111,17 @@ class Mixed(torch.nn.Module):
 
 def fit(rigs: Rigs) -> GammaModel:
     """The model of maximum likelihood; without scores."""
-    data = [(torch.tensor(features(np.array([s.height for s, _ in rig]),
-                                   np.array([s.width for s, _ in rig]))),
-             torch.tensor(np.array([[s.true, s.said] for s, _ in rig]).T.ravel()))
-            for rig in rigs]
+    data = [
+        (
+            torch.tensor(
+                features(np.array([s.height for s, _ in rig]), np.array([s.width for s, _ in rig]))
+            ),
+            torch.tensor(
+                np.array([[s.log_gamma_counted, s.log_gamma_estimated] for s, _ in rig]).T.ravel()
+            ),
+        )
+        for rig in rigs
+    ]
     net = Mixed()
     steps = torch.optim.LBFGS(net.parameters(), max_iter=200, line_search_fn="strong_wolfe")
 
@@ -149,9 +156,11 @@ def errors(rigs: Rigs, counted: int) -> tuple[np.ndarray, np.ndarray]:
                 others = [s for k, (s, _) in enumerate(rig) if k != i]
                 for _ in range(3):
                     taken = random.choice(len(others), counted, replace=False)
-                    belief = model.believe(Reading(scan.height, scan.width, scan.said),
-                                           [others[k] for k in taken])
-                    misses.append(scan.true - belief.mean)
+                    belief = model.believe(
+                        Reading(scan.height, scan.width, scan.log_gamma_estimated),
+                        [others[k] for k in taken],
+                    )
+                    misses.append(scan.log_gamma_counted - belief.mean)
                     scores.append(misses[-1] / np.hypot(belief.std, deviation))
     return np.array(misses), np.array(scores)
 
@@ -181,7 +190,9 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     members, facts, more = load_members(options.weights)
-    known = Known(*(more[name].double().numpy() for name in ("middle", "whiten", "reach")))
+    known = TrainingDomain(
+        *(more[name].double().numpy() for name in ("middle", "whiten", "reach"))
+    )
     fold = fold_of(json.loads(options.families.read_text()))
     models = []
     for folder, title, center in zip((options.scans, options.one_view), ("around", "one side"),

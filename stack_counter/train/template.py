@@ -28,7 +28,7 @@ from stack_counter.parts.template import (
     relative_std,
     scan_template,
 )
-from stack_counter.sim import make_shape, record, spread
+from stack_counter.sim import lay_out_pieces, make_shape, record
 
 _SEED = 77
 _VIEWS = (6, 18)
@@ -53,7 +53,7 @@ def make_example(index: int) -> Example | None:
         shape = make_shape(int(random.integers(2**31)))
         pieces = int(random.integers(_PIECES[0], _PIECES[1] + 1))
         count = int(random.integers(_VIEWS[0], _VIEWS[1] + 1))
-        views = record(spread(shape, pieces, _SEED, index), count, _SEED, color=False)
+        views = record(lay_out_pieces(shape, pieces, _SEED, index), count, _SEED, color=False)
         return Example(shape.family, shape.unit_volume,
                        scan_template(views, pieces, ReconstructorConfig()))
     except StackCounterError as error:

@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from stack_counter.container.wall_input import outer_width, wall_crop
 from stack_counter.container.wall_network import WallNet, save_wall_net
-from stack_counter.container.wall_shapes import BoxWall, RoundWall, WallForm
+from stack_counter.container.wall_shapes import BoxWall, RoundWall, WallShape
 from stack_counter.errors import ConfigError, ViewError
 from stack_counter.sim import Scene, read_shard, record
 
@@ -32,7 +32,7 @@ _OUTLINE_M = 0.0007  # standard deviation of a fitted outline's place and size
 
 
 def outer_form(scene: Scene, random: np.random.Generator, std: float = _OUTLINE_M
-               ) -> WallForm | None:
+               ) -> WallShape | None:
     """The outer face of a scene's container as its rim shows it; None for bags and heaps."""
     box = scene.container
     T, wall = box.T_world_container, box.wall_thickness_m

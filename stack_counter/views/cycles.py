@@ -20,7 +20,7 @@ class Cycle:
     since: float = field(default_factory=time.monotonic)
 
 
-class CycleFormer:
+class CycleGrouper:
     """Sorts views into cycles; says when one is over.
 
     A cycle is over when every camera has given its view, when a later cycle is, or when the

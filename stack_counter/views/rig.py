@@ -51,7 +51,7 @@ class Rig:
     timeout_s: float = _TRIGGER["timeout_s"]
 
 
-def rig_of(config: CollectorConfig) -> Rig:
+def load_rig(config: CollectorConfig) -> Rig:
     """The rig that the settings name, or the one camera that they describe.
 
     Raises:

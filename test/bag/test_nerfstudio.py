@@ -14,7 +14,7 @@ from stack_counter.bag.nerfstudio import import_scene
 from stack_counter.bag.reader import BagReader, fit_rig, read_views
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
-from stack_counter.views.rig import RigAssembler, rig_of
+from stack_counter.views.rig import RigAssembler, load_rig
 
 PASTA = Path(__file__).parents[3] / "shared" / "real" / "pasta"
 FLIP = np.diag([1.0, -1, -1, 1])
@@ -22,7 +22,7 @@ FLIP = np.diag([1.0, -1, -1, 1])
 
 def views_of(path):
     reader = BagReader(path)
-    rig = fit_rig(rig_of(CollectorConfig()), reader.topics)
+    rig = fit_rig(load_rig(CollectorConfig()), reader.topics)
     return [view for _, view in read_views(reader, RigAssembler(rig))]
 
 
@@ -85,7 +85,7 @@ def test_real_scene_gives_the_hull_of_the_bag_and_stereo_carves_it(tmp_path):
     assert "54 views, 54 with labels" in import_scene(PASTA, tmp_path / "pasta")
     views = list(views_of(tmp_path / "pasta"))
     # A visual hull of the outline, no votes to spare, measured independently: 2443 cm3.
-    whole = visual_hull.carve(views, 0.003, 0.5).volume
+    whole = visual_hull.carve_visual_hull(views, 0.003, 0.5).volume
     assert whole == pytest.approx(2443e-6, rel=0.01)
     stack = StackCounter(ReconstructorConfig(voxel_size=0.003))
     for view in views:

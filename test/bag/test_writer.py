@@ -29,7 +29,7 @@ from stack_counter.bag.writer import write_bag
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
 from stack_counter.types import Intrinsics
-from stack_counter.views.rig import RigAssembler, rig_of
+from stack_counter.views.rig import RigAssembler, load_rig
 
 DISTORTED = replace(SMALL, distortion_model="plumb_bob", distortion=(0.1, -0.2, 0.01, 0.02, 0.3))
 
@@ -37,7 +37,7 @@ DISTORTED = replace(SMALL, distortion_model="plumb_bob", distortion=(0.1, -0.2, 
 def views_of(path, **settings):
     """Views that the reader finds in a bag; none may be skipped."""
     reader = BagReader(path)
-    rig = fit_rig(rig_of(CollectorConfig(**settings)), reader.topics)
+    rig = fit_rig(load_rig(CollectorConfig(**settings)), reader.topics)
     assembler = RigAssembler(rig, live=False)
     views = [view for _, view in read_views(reader, assembler)]
     assert not assembler.tally.skipped

@@ -9,7 +9,7 @@ import trimesh
 import yaml
 from kits.bags import bag, bin_views
 from kits.command import run
-from kits.known_parts import COUNTED, model
+from kits.known_parts import COUNTED, gamma_model
 
 from stack_counter.parts.catalogue import Part, load_parts, save_part
 from stack_counter.parts.gamma_model import PartModels
@@ -143,7 +143,9 @@ def test_a_wrong_part_in_the_bin_is_told(tmp_path, capsys, catalogue):
     from stack_counter.config import CounterConfig
     from stack_counter.occupancy.baselines import make_estimator
 
-    models = PartModels(make_estimator(CounterConfig()).name, model(said=0.01), model(), "piles")
+    models = PartModels(
+        make_estimator(CounterConfig()).name, gamma_model(said=0.01), gamma_model(), "piles"
+    )
     models.write(tmp_path / "nut.json")
     save_part(Part(1.5e-6, "nut", gamma_prior=tmp_path / "nut.json"), catalogue)
     code, text, _ = run(capsys, "replay", bag(tmp_path, bin_views()), "--part", "nut", "--direct",

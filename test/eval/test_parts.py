@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kits.known_parts import Says, model, scan
+from kits.known_parts import ConstantEstimator, gamma_model, stack_volume_of_box
 
 from stack_counter.eval.parts import (
     ROWS,
@@ -40,9 +40,9 @@ def test_a_rig_is_one_part_in_one_container(rigs):
 
 def test_every_scan_is_counted_by_each_of_the_others(rigs):
     rig = replace(rigs[0], scenes=rigs[0].scenes[:4])
-    scans = [(s, scan(height=0.02 + 0.002 * i)) for i, s in enumerate(rig.scenes)]
-    models = PartModels("network 7", model(), model(), "piles")
-    answers = answers_of(rig, scans, models, Remembered(Says()), 0.9)
+    scans = [(s, stack_volume_of_box(height=0.02 + 0.002 * i)) for i, s in enumerate(rig.scenes)]
+    models = PartModels("network 7", gamma_model(), gamma_model(), "piles")
+    answers = answers_of(rig, scans, models, Remembered(ConstantEstimator()), 0.9)
     counts = {row: sum(a.row == row for a in answers) for row in ROWS}
     assert counts["v only"] == counts["CAD"] == 4
     assert all(counts[row] == 12 for row in ROWS[2:])
@@ -52,14 +52,14 @@ def test_every_scan_is_counted_by_each_of_the_others(rigs):
 
 
 def test_an_estimator_is_asked_once_for_each_scan():
-    class Counts(Says):
+    class Counts(ConstantEstimator):
         asked = 0
 
         def estimate(self, volume, unit_volume):
             self.asked += 1
             return super().estimate(volume, unit_volume)
 
-    counts, volume = Counts(), scan()
+    counts, volume = Counts(), stack_volume_of_box()
     remembered = Remembered(counts)
     assert remembered.name == counts.name
     assert remembered.estimate(volume, 1e-6) is remembered.estimate(volume, 1e-6)
@@ -77,6 +77,6 @@ def test_the_figures_are_those_of_the_answers(rigs):
 
 
 def test_the_sensitivity_is_that_of_the_models():
-    made = PartModels("n", model(), model(), "piles")
+    made = PartModels("n", gamma_model(), gamma_model(), "piles")
     text = sensitivity([made, made])
     assert f"{np.exp(-0.03) - 1:+.1%}" in text and "+0.0%" in text

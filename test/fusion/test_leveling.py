@@ -7,7 +7,7 @@ import pytest
 from kits.analytic import Scene
 
 from stack_counter import geometry
-from stack_counter.fusion.leveling import leveled
+from stack_counter.fusion.leveling import level_to_support
 from stack_counter.fusion.region import Region
 
 REGION = Region(np.array([-0.1, -0.1, -0.02]), np.array([0.1, 0.1, 0.3]), 0.0, 0.001)
@@ -31,7 +31,7 @@ def off(view, degrees, metres):
                                              ((-0.2, 0.3), -0.003)])
 def test_height_roll_and_pitch_are_corrected(degrees, metres):
     right = view()
-    got = leveled(off(right, degrees, metres), REGION)
+    got = level_to_support(off(right, degrees, metres), REGION)
     miss = got.T_world_camera @ geometry.inverse(right.T_world_camera)
     plane = geometry.apply(miss, np.array([[-0.1, -0.1, 0], [0.1, 0, 0], [0, 0.1, 0]]))
     assert np.abs(plane[:, 2]).max() < 4e-4
@@ -40,16 +40,19 @@ def test_height_roll_and_pitch_are_corrected(degrees, metres):
 
 def test_a_right_pose_stays():
     right = view()
-    np.testing.assert_allclose(leveled(right, REGION).T_world_camera, right.T_world_camera,
-                               atol=5e-4)
+    np.testing.assert_allclose(
+        level_to_support(right, REGION).T_world_camera, right.T_world_camera, atol=5e-4
+    )
 
 
 def test_the_floor_of_an_empty_bin_is_not_the_support():
     low = view(height=0.004)  # as level as the support, and much larger than what shows of it
-    np.testing.assert_allclose(leveled(low, REGION).T_world_camera, low.T_world_camera, atol=5e-4)
+    np.testing.assert_allclose(
+        level_to_support(low, REGION).T_world_camera, low.T_world_camera, atol=5e-4
+    )
 
 
 @pytest.mark.parametrize("wrong", [off(view(), (0, 0), 0.02), off(view(), (3, 0), 0.0),
                                    view(0.06, 0.5)])
 def test_a_plane_too_far_off_or_hardly_seen_says_nothing(wrong):
-    assert leveled(wrong, REGION) is wrong
+    assert level_to_support(wrong, REGION) is wrong

@@ -5,7 +5,7 @@ import pytest
 from kits.analytic import Scene
 
 from stack_counter import geometry
-from stack_counter.fusion.tsdf import TopView, Tsdf
+from stack_counter.fusion.tsdf import FusedSurface, Tsdf
 
 
 @pytest.mark.parametrize("turn", [0.0, np.pi / 2, np.pi, 3.9])
@@ -17,7 +17,9 @@ def test_an_oblique_plane_lies_where_the_depth_image_says(turn):
     tsdf = Tsdf(0.002, 4.0, 3.0, 20.0, 1000.0)
     tsdf.integrate(view.depth, view.depth > 0, view.intrinsics, view.T_world_camera)
     corner = geometry.pose(np.eye(3), np.array([-0.1, -0.1, 0]))
-    heights = TopView(tsdf.extract_triangle_mesh(1)).heights(corner, 0.002, (100, 100)).heights
+    heights = (
+        FusedSurface(tsdf.extract_triangle_mesh(1)).heights(corner, 0.002, (100, 100)).heights
+    )
     assert np.isfinite(heights).all()
     assert heights.mean() == pytest.approx(0, abs=3e-4)
 
@@ -45,7 +47,7 @@ def test_a_mesh_is_seen_as_by_the_camera_that_gave_it():
     view = above(True)
     tsdf = Tsdf(0.002, 2.0, 3.0, 20.0, 1000.0)
     tsdf.integrate(view.depth, view.depth > 0, view.intrinsics, view.T_world_camera)
-    seen = TopView(tsdf.extract_triangle_mesh(1)).depth(view.intrinsics, view.T_world_camera)
+    seen = FusedSurface(tsdf.extract_triangle_mesh(1)).depth(view.intrinsics, view.T_world_camera)
     both = seen > 0
     assert both.mean() > 0.95
     assert np.median(np.abs(seen - view.depth)[both]) < 2e-4
@@ -65,7 +67,7 @@ def test_what_is_forgotten_is_gone_with_the_next_view():
                         empty.T_world_camera)
         tsdf.integrate(empty.depth, empty.depth > 0, empty.intrinsics, empty.T_world_camera)
         mesh = tsdf.extract_triangle_mesh(1)
-        left[forgets] = TopView(mesh).heights(corner, 0.002, (50, 50)).heights
+        left[forgets] = FusedSurface(mesh).heights(corner, 0.002, (50, 50)).heights
     assert np.median(left[False]) > 0.09  # eight views outvote one
     assert np.nanmax(np.abs(left[True])) < 0.001
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from stack_counter.parts.counted_scan import CountedScan
 from stack_counter.parts.gamma_model import FEATURES, GammaModel, Reading
-from stack_counter.teaching.simulated_piles import Seen
+from stack_counter.teaching.simulated_piles import PileScan
 from stack_counter.types import (
     Container,
     HeightMap,
@@ -22,7 +22,7 @@ COUNTED = CountedScan("2026-01-02", 'bin "7": #', 240, -0.5, -0.4, "network 7", 
                       "box", (0.3, 0.2, 0.1), 610.0)
 
 
-class Says:
+class ConstantEstimator:
     """An estimator that always says the same."""
 
     def __init__(self, gamma=0.5, name="network 7"):
@@ -33,7 +33,7 @@ class Says:
                                  ("few_parts",))
 
 
-def scan(kind="box", size=SIZE, focal=610.0, reasons=(), height=0.03):
+def stack_volume_of_box(kind="box", size=SIZE, focal=610.0, reasons=(), height=0.03):
     top = np.full((80, 100), height, np.float32)
     maps = [HeightMap(np.eye(4), 0.001, a) for a in (top, np.zeros_like(top))]
     view = KeyView(0, Intrinsics(4, 4, focal, focal, 2.0, 2.0), np.eye(4), 9, np.zeros((4, 4)))
@@ -41,7 +41,7 @@ def scan(kind="box", size=SIZE, focal=610.0, reasons=(), height=0.03):
                        *maps, view, ViewTally(), tuple(reasons))
 
 
-def model(shared=0.1, prior=0.03, said=0.04, correlation=0.0, source="piles"):
+def gamma_model(shared=0.1, prior=0.03, said=0.04, correlation=0.0, source="piles"):
     """gamma is 0.6 whatever the fill; offsets of t and y, and their noise."""
     b = np.zeros((2, FEATURES))
     b[:, 0] = np.log(0.6)
@@ -54,15 +54,15 @@ def model(shared=0.1, prior=0.03, said=0.04, correlation=0.0, source="piles"):
                       source)
 
 
-def with_signal(shared):
+def gamma_model_with_signal(shared):
     """The estimator follows the part's own offset."""
-    made = model(shared)
+    made = gamma_model(shared)
     both = made.shared.copy()
     both[0, FEATURES] = both[FEATURES, 0] = both[FEATURES, FEATURES] = shared**2
     return dataclasses.replace(made, shared=both)
 
 
-def piles(count, seed=0, far=0):
+def simulated_readings(count, seed=0, far=0):
     """log gamma = -0.6 + 0.3 / (h + 1/2) - 1 / w - 0.2 (mu - 0.45), y 0.1 below it; noise 0.03,
     0.05; V's own error 0.02; the first `far` have a container that was missed."""
     random, out = np.random.default_rng(seed), []
@@ -70,5 +70,7 @@ def piles(count, seed=0, far=0):
         height, width, mu = random.uniform(0.5, 6), random.uniform(4, 9), random.uniform(0.2, 0.7)
         true = -0.6 + 0.3 / (height + 0.5) - 1 / width - 0.2 * (mu - 0.45)
         noise = random.normal(0, [0.03, 0.05]) + (0.8 if i < far else 0.0) * np.array([1, 0])
-        out.append(Seen(Reading(height, width, true - 0.1 + noise[1], true + noise[0]), 0.02, mu))
+        out.append(
+            PileScan(Reading(height, width, true - 0.1 + noise[1], true + noise[0]), 0.02, mu)
+        )
     return out

@@ -8,7 +8,7 @@ from kits.recording_kit import IMAGE, STORE, records, scan
 from stack_counter.bag.reader import BagReader, fit_rig, read_views
 from stack_counter.bag.recorder import Received
 from stack_counter.config import CollectorConfig
-from stack_counter.views.rig import RigAssembler, rig_of
+from stack_counter.views.rig import RigAssembler, load_rig
 
 FACTS = {"scan_id": "a", "part": "nut", "unit_volume_m3": "2e-06", "version": "0"}
 
@@ -43,7 +43,7 @@ def record(recorder, messages, scan_id="a"):
 
 def views_of(path):
     reader = BagReader(path)
-    assembler = RigAssembler(fit_rig(rig_of(CollectorConfig()), reader.topics), live=False)
+    assembler = RigAssembler(fit_rig(load_rig(CollectorConfig()), reader.topics), live=False)
     views = [view for _, view in read_views(reader, assembler)]
     assert not assembler.tally.skipped
     return views

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def grey(points, seed=3, waves=40):
+def wavy_texture(points, seed=3, waves=40):
     """Grey levels (...) float32 of (..., 3) points in metres: waves of 8 to 40 mm, no noise."""
     random = np.random.default_rng(seed)
     out = np.zeros(points.shape[:-1], np.float32)

@@ -9,7 +9,7 @@ from kits.analytic import Scene
 from stack_counter import geometry
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.multiview import visual_hull
-from stack_counter.multiview.closed_container import carve_with_depth
+from stack_counter.multiview.closed_container import carve_closed_container
 from stack_counter.types import PARTS, Intrinsics
 
 CAMERA = Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5)
@@ -35,12 +35,12 @@ def scan(count=12, tilt_deg=50):
 @pytest.fixture(scope="module")
 def box():
     views = scan()
-    return views, visual_hull.carve(views, 0.006, 0.5)
+    return views, visual_hull.carve_visual_hull(views, 0.006, 0.5)
 
 
 def test_depth_takes_away_what_the_outline_leaves(box):
     views, carved = box
-    found = carve_with_depth(views, carved, 0.002, 0.0)
+    found = carve_closed_container(views, carved, 0.002, 0.0)
     assert found.outline_volume > 1.15 * VOLUME  # views from above leave a roof
     assert found.volume == pytest.approx(VOLUME, rel=0.03)
     assert abs(found.volume - VOLUME) < 2 * found.volume_std
@@ -53,30 +53,31 @@ def test_depth_takes_away_what_the_outline_leaves(box):
 def test_the_error_is_a_part_of_a_voxel(box, side):
     views, carved = box
     area = 2 * (SIZE[0] + SIZE[1]) * SIZE[2] + SIZE[0] * SIZE[1]
-    assert carve_with_depth(views, carved, side, 0.0).volume == pytest.approx(VOLUME,
-                                                                         abs=side / 4 * area)
+    assert carve_closed_container(views, carved, side, 0.0).volume == pytest.approx(
+        VOLUME, abs=side / 4 * area
+    )
 
 
 def test_without_depth_the_outline_stands(box):
     views, carved = box
     blind = [replace(view, depth=np.zeros_like(view.depth)) for view in views]
-    found = carve_with_depth(blind, carved, 0.003, 0.0)
+    found = carve_closed_container(blind, carved, 0.003, 0.0)
     assert found.volume == found.outline_volume
     assert found.measured == 0
-    assert found.volume_std > 3 * carve_with_depth(views, carved, 0.003, 0.0).volume_std
+    assert found.volume_std > 3 * carve_closed_container(views, carved, 0.003, 0.0).volume_std
 
 
 def test_one_wrong_depth_does_not_carve(box):
     views, carved = box
     one = [replace(view, depth=view.depth + 0.05 if i == 0 else np.zeros_like(view.depth))
            for i, view in enumerate(views)]
-    found = carve_with_depth(one, carved, 0.003, 0.0)
+    found = carve_closed_container(one, carved, 0.003, 0.0)
     assert found.volume == found.outline_volume
 
 
 def test_the_top_is_the_roof_of_the_box(box):
     views, carved = box
-    top = carve_with_depth(views, carved, 0.002, 0.0).top
+    top = carve_closed_container(views, carved, 0.002, 0.0).top
     points = top.T_world_map[:2, 3] + (np.argwhere(np.isfinite(top.heights))[:, ::-1]
                                        + 0.5) * top.pitch
     assert np.ptp(points, axis=0) == pytest.approx(SIZE[:2], abs=0.007)
@@ -86,8 +87,8 @@ def test_the_top_is_the_roof_of_the_box(box):
 
 def test_the_volume_stands_on_the_support(box):
     views, carved = box
-    whole = carve_with_depth(views, carved, 0.002, 0.0)
-    upper = carve_with_depth(views, carved, 0.002, 0.04)
+    whole = carve_closed_container(views, carved, 0.002, 0.0)
+    upper = carve_closed_container(views, carved, 0.002, 0.04)
     assert upper.volume == pytest.approx(whole.volume / 2, rel=0.05)
     assert np.nanmedian(upper.top.heights) == pytest.approx(SIZE[2] - 0.04, abs=0.002)
 
@@ -95,10 +96,10 @@ def test_the_volume_stands_on_the_support(box):
 def test_what_is_missing_is_named(box):
     views, carved = box
     with pytest.raises(ViewError, match="no_depth"):
-        carve_with_depth([replace(view, depth=None) for view in views], carved, 0.003, 0.0)
+        carve_closed_container([replace(view, depth=None) for view in views], carved, 0.003, 0.0)
     with pytest.raises(ViewError, match="no_labels"):
-        carve_with_depth([replace(view, labels=None) for view in views], carved, 0.003, 0.0)
+        carve_closed_container([replace(view, labels=None) for view in views], carved, 0.003, 0.0)
     with pytest.raises(ScanError, match="below the support"):
-        carve_with_depth(views, carved, 0.003, 1.0)
+        carve_closed_container(views, carved, 0.003, 1.0)
     with pytest.raises(ScanError, match="surface has 0 voxels"):
-        carve_with_depth(views, replace(carved, surface=carved.surface[:0]), 0.003, 0.0)
+        carve_closed_container(views, replace(carved, surface=carved.surface[:0]), 0.003, 0.0)

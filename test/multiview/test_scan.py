@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kits.analytic import Scene
-from kits.textures import grey
+from kits.textures import wavy_texture
 
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
@@ -24,7 +24,7 @@ def pictures(scene, label, world=np.eye(4), count=12):
     views = []
     for view in scene.views(count, 0.5, (0, 0, 0.03), tilts=(12, 28, 42), camera=CAMERA):
         points = world_points(view)
-        color = np.repeat(grey(points)[..., None], 3, axis=-1).astype(np.uint8)
+        color = np.repeat(wavy_texture(points)[..., None], 3, axis=-1).astype(np.uint8)
         labels = np.where(points[..., 2] > 1e-4, label(points), BACKGROUND).astype(np.uint8)
         views.append(replace(view, depth=None, color=color, labels=labels,
                              T_world_camera=world @ view.T_world_camera))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kits.analytic import Scene
-from kits.textures import grey
+from kits.textures import wavy_texture
 
 from stack_counter import geometry
 from stack_counter.errors import ScanError, ViewError
@@ -35,7 +35,7 @@ def poses(count=12, distance=0.5):
     return out
 
 
-def scan(texture=grey):
+def scan(texture=wavy_texture):
     """Colour views with labels, and their true depths (n, h, w)."""
     box = Scene().box(np.array([0, 0, SIZE[2] / 2]), SIZE)
     views, truth = [], []
@@ -53,7 +53,7 @@ def scan(texture=grey):
 def box():
     """Views, true depths, hull and the views with depth."""
     views, truth = scan()
-    carved = visual_hull.carve(views, 0.008, 0.5)
+    carved = visual_hull.carve_visual_hull(views, 0.008, 0.5)
     return views, truth, carved, depth_from_pictures(views, carved)
 
 
@@ -90,7 +90,7 @@ def test_views_are_kept_as_they_were(box):
 def test_half_the_resolution_keeps_calibration_and_scale():
     views, truth = scan()
     views = [geometry.shrink(view, 2) for view in views]
-    found = depth_from_pictures(views, visual_hull.carve(views, 0.008, 0.5))
+    found = depth_from_pictures(views, visual_hull.carve_visual_hull(views, 0.008, 0.5))
     assert found[0].intrinsics.width == 100
     assert found[0].depth.shape == found[0].labels.shape == found[0].color.shape[:2] == (75, 100)
     off = np.concatenate([(view.depth - ideal[1::2, 1::2])[(view.depth > 0)
@@ -102,7 +102,7 @@ def test_half_the_resolution_keeps_calibration_and_scale():
 
 def test_without_texture_nothing_is_known():
     views, _ = scan(lambda points: np.full(points.shape[:-1], 120, np.float32))
-    found = depth_from_pictures(views, visual_hull.carve(views, 0.008, 0.5))
+    found = depth_from_pictures(views, visual_hull.carve_visual_hull(views, 0.008, 0.5))
     assert all(not view.depth.any() for view in found)
 
 
@@ -111,14 +111,14 @@ def test_pictures_of_other_places_agree_on_little():
     colors = [view.color for view in views]
     # Labels and poses stay; every picture is that of another camera.
     mixed = [replace(view, color=colors[(5 * i + 3) % len(views)]) for i, view in enumerate(views)]
-    found = depth_from_pictures(mixed, visual_hull.carve(views, 0.008, 0.5))
+    found = depth_from_pictures(mixed, visual_hull.carve_visual_hull(views, 0.008, 0.5))
     known = np.mean([(view.depth[view.labels == PARTS] > 0).mean() for view in found])
     assert known < 0.08  # 0.86 with the right ones
 
 
 def test_what_is_missing_is_named():
     views, _ = scan()
-    carved = visual_hull.carve(views, 0.008, 0.5)
+    carved = visual_hull.carve_visual_hull(views, 0.008, 0.5)
     with pytest.raises(ViewError, match="no_color: .*expects one") as caught:
         depth_from_pictures([replace(view, color=None) for view in views], carved)
     assert "\n" not in str(caught.value)
@@ -155,7 +155,7 @@ def test_parts_beside_a_rim_are_left_open():
         labels = view.labels.copy()
         labels[:, 90:95] = np.where(labels[:, 90:95] == PARTS, CONTAINER, BACKGROUND)
         rimmed.append(replace(view, labels=labels))
-    found = depth_from_pictures(rimmed, visual_hull.carve(views, 0.008, 0.5))
+    found = depth_from_pictures(rimmed, visual_hull.carve_visual_hull(views, 0.008, 0.5))
     beside = np.concatenate([v.depth[:, [88, 89, 95, 96]][v.labels[:, [88, 89, 95, 96]] == PARTS]
                              for v in found])
     on = np.concatenate([v.depth[:, 90:95][v.labels[:, 90:95] == CONTAINER] for v in found])
@@ -179,7 +179,7 @@ def picture(T, depth):
     ray = np.stack([(u - 39.5) / 100, (v - 29.5) / 100, np.ones(u.shape)], -1) @ T[:3, :3].T
     points = T[:3, 3] + ray * ((depth - T[2, 3]) / ray[..., 2])[..., None]
     K = np.array([[100.0, 0, 39.5], [0, 100, 29.5], [0, 0, 1]])
-    return Picture(grey(points.astype(np.float32)), K, T)
+    return Picture(wavy_texture(points.astype(np.float32)), K, T)
 
 
 def test_the_right_plane_costs_least():

@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from stack_counter.bag.reader import BagReader, fit_config, listened
 from stack_counter.config import CollectorConfig
 from stack_counter.ros.player import message_type
-from stack_counter.views.rig import RigAssembler, rig_of
+from stack_counter.views.rig import RigAssembler, load_rig
 
 BAG = Path(__file__).parents[2] / "bags" / "demo"
 
@@ -30,7 +30,7 @@ def cell(ros):
     ros.start("counter", estimator="depth_corrected")
     qos = QoSProfile(depth=1000)
     publishers = {t: ros.node.create_publisher(message_type(reader.topics[t][0]), t, qos)
-                  for t in listened(RigAssembler(rig_of(config))) if t in reader.topics}
+                  for t in listened(RigAssembler(load_rig(config))) if t in reader.topics}
     client = ActionClient(ros.node, CountStack, "/stack_counter/count_stack")
     assert client.wait_for_server(60)
     ros.heard_by_collector(*publishers.values())

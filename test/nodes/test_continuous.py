@@ -11,7 +11,7 @@ from stack_counter_msgs.msg import StackCount
 from tf2_msgs.msg import TFMessage
 
 from stack_counter.ros.to_msg import to_camera_info, to_header, to_image, to_pose
-from stack_counter.sim import picked, read_scenes, watch
+from stack_counter.sim import read_scenes, record_fixed_camera, remove_parts
 
 UNSEEN = Path(__file__).parents[2] / "data" / "unseen"
 
@@ -29,11 +29,11 @@ def static_transform(view):
 
 def test_a_count_after_every_pick_without_asking(ros):
     scene = next(s for s in read_scenes(UNSEEN, 12) if s.index == 11)
-    states = list(picked(scene, 20))[::5]
+    states = list(remove_parts(scene, 20))[::5]
     random = np.random.default_rng(0)
     # Any colours do: that something has changed is all that they are asked for.
     views = [replace(v, color=random.integers(0, 255, (*v.depth.shape, 3), np.uint8))
-             for v in watch(states, color=False)]
+             for v in record_fixed_camera(states, color=False)]
     node, qos = ros.node, QoSProfile(depth=10)
     color = node.create_publisher(Image, "/camera/color/image_raw", qos)
     depth = node.create_publisher(Image, "/camera/aligned_depth_to_color/image_raw", qos)

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from stack_counter.nodes.scan_queue import Outbox, Scan
+from stack_counter.nodes.scan_queue import QueuedScan, ScanQueue
 from stack_counter.types import Intrinsics, View
 
 
@@ -21,7 +21,7 @@ def sent(outbox):
 
 
 def test_a_few_views_are_on_their_way_at_a_time():
-    outbox, scan = Outbox(), Scan("a")
+    outbox, scan = ScanQueue(), QueuedScan("a")
     outbox.open(scan)
     for i in range(9):
         scan.add("", view(i))
@@ -31,9 +31,9 @@ def test_a_few_views_are_on_their_way_at_a_time():
 
 
 def test_the_next_scan_waits_until_the_first_is_finished():
-    outbox = Outbox()
+    outbox = ScanQueue()
     for name in "ab":
-        scan = Scan(name, closed=True)
+        scan = QueuedScan(name, closed=True)
         outbox.open(scan)
         scan.add("", view(1))
     assert sent(outbox) == [("a", 1)]
@@ -44,14 +44,14 @@ def test_the_next_scan_waits_until_the_first_is_finished():
 
 
 def test_an_open_scan_is_not_finished():
-    outbox = Outbox()
-    outbox.open(Scan("a"))
+    outbox = ScanQueue()
+    outbox.open(QueuedScan("a"))
     outbox.finished("a")
     assert outbox.first is not None
 
 
 def test_who_follows_what_happens_gets_the_newest_of_each_camera():
-    outbox, scan = Outbox(), Scan("a", newest_only=True)
+    outbox, scan = ScanQueue(), QueuedScan("a", newest_only=True)
     outbox.open(scan)
     for i in range(3):
         scan.add("left", view(i))
@@ -63,10 +63,10 @@ def test_who_follows_what_happens_gets_the_newest_of_each_camera():
 
 
 def test_too_many_views_or_scans_are_counted_and_given_up():
-    scan = Scan("a")
+    scan = QueuedScan("a")
     for i in range(65):
         scan.add("", view(i))
     assert scan.lost == {"overrun": 5} and scan.waiting[0][1].stamp_ns == 5
-    outbox = Outbox()
-    dropped = [d.scan_id for i in range(22) for d in outbox.open(Scan(str(i)))]
+    outbox = ScanQueue()
+    dropped = [d.scan_id for i in range(22) for d in outbox.open(QueuedScan(str(i)))]
     assert dropped == ["1", "2"] and outbox.first.scan_id == "0"  # the one on its way stays

@@ -20,7 +20,7 @@ from stack_counter.bag.reader import BagReader, read_views
 from stack_counter.cli import main
 from stack_counter.config import CollectorConfig
 from stack_counter.ros.player import message_type
-from stack_counter.views.rig import RigAssembler, rig_of
+from stack_counter.views.rig import RigAssembler, load_rig
 
 SPACE = "/stack_counter"
 RELIABLE = QoSProfile(depth=1000)
@@ -90,7 +90,7 @@ class Cell:
 
 def views_in(path):
     config = CollectorConfig()
-    return [view for _, view in read_views(BagReader(path), RigAssembler(rig_of(config),
+    return [view for _, view in read_views(BagReader(path), RigAssembler(load_rig(config),
                                                                          live=False))]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from kits.surfaces import SCORES, inputs
+from kits.surfaces import SCORES, network_inputs
 
 from stack_counter.errors import WeightsError
 from stack_counter.occupancy.gamma_net import load_members, make_net, save_members
@@ -42,7 +42,7 @@ def test_the_decoder_is_the_papers(dino):
     seen = []
     hooks = [m.register_forward_hook(lambda _m, _i, out: seen.append(out.shape[-1]))
              for m in convolutions]
-    gamma = net.eval().gamma(inputs(2))
+    gamma = net.eval().gamma(network_inputs(2))
     [hook.remove() for hook in hooks]
     assert seen == [16, 8, 4, 2]  # from 32
     assert gamma.shape == (2,) and bool(((gamma > 0) & (gamma < 1)).all())
@@ -50,7 +50,7 @@ def test_the_decoder_is_the_papers(dino):
 
 def test_the_encoder_is_frozen_and_the_loss_falls(dino):
     torch.manual_seed(0)
-    net, x = make_net("dinov2", dino).train(), inputs(4)
+    net, x = make_net("dinov2", dino).train(), network_inputs(4)
     assert not net.encoder.training
     y = torch.log(torch.tensor([[0.2], [0.4], [0.6], [0.8]])).repeat(1, 4)
     before = {k: v.clone() for k, v in net.encoder.state_dict().items()}
@@ -72,7 +72,7 @@ def test_the_decoder_alone_is_written_and_comes_back(dino, tmp_path):
     assert path.stat().st_size < 2 * sum(p.numel() for p in net.decoder.parameters()) + 20_000
     back = load_members(path, dino)[0][0]
     with torch.no_grad():
-        assert torch.allclose(net(inputs(2))[0], back(inputs(2))[0], atol=1e-2)
+        assert torch.allclose(net(network_inputs(2))[0], back(network_inputs(2))[0], atol=1e-2)
     with pytest.raises(WeightsError, match="no folder with its weights is named"):
         load_members(path)
 

@@ -9,7 +9,12 @@ import torch
 from stack_counter.config import CounterConfig
 from stack_counter.errors import WeightsError
 from stack_counter.occupancy.baselines import Baselines, Prior, make_estimator
-from stack_counter.occupancy.direct_count import TYPICAL, DirectCount, framed, look
+from stack_counter.occupancy.direct_count import (
+    TYPICAL,
+    DirectCount,
+    fit_to_tile,
+    predict_log_count,
+)
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig, save_members
 from stack_counter.occupancy.maps import TILE, make_maps
 from stack_counter.train import direct, gamma
@@ -32,7 +37,7 @@ def volume(v):
 
 
 def test_a_picture_twice_as_fine_is_the_same_picture():
-    one, two = framed(maps(48, 3.0)), framed(maps(96, 6.0))
+    one, two = fit_to_tile(maps(48, 3.0)), fit_to_tile(maps(96, 6.0))
     assert one.top.shape == (TILE, TILE)
     assert np.allclose(one.top, two.top, atol=1e-4) and (one.valid == two.valid).all()
     assert one.valid.mean() == pytest.approx(0.64, abs=0.02)
@@ -71,5 +76,5 @@ def test_training_writes_what_the_estimator_loads(tmp_path, monkeypatch):
                                      "--epochs", "1"])
     assert direct.main() == 0
     loaded = DirectCount(tmp_path / "direct.safetensors", Prior(Baselines()))
-    log_count, spread = look(loaded._net, framed(samples[0].maps))
+    log_count, spread = predict_log_count(loaded._net, fit_to_tile(samples[0].maps))
     assert np.isfinite(log_count) and spread > 0

@@ -4,17 +4,23 @@ import pickle
 
 import pytest
 import torch
-from kits.surfaces import SCORES, inputs
+from kits.surfaces import SCORES, network_inputs
 from safetensors.torch import save_file
 
 from stack_counter.errors import WeightsError
-from stack_counter.occupancy.gamma_net import FORM, GammaNet, NetConfig, load_members, save_members
+from stack_counter.occupancy.gamma_net import (
+    SHAPE_OUTPUTS,
+    GammaNet,
+    NetConfig,
+    load_members,
+    save_members,
+)
 from stack_counter.occupancy.maps import CHANNELS, TILE
 
 SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)
 def test_shapes_and_finite_values():
-    mean, scale, form = GammaNet(SMALL).eval()(inputs(3))
-    assert mean.shape == scale.shape == (3,) and form.shape == (3, FORM)
+    mean, scale, form = GammaNet(SMALL).eval()(network_inputs(3))
+    assert mean.shape == scale.shape == (3,) and form.shape == (3, SHAPE_OUTPUTS)
     assert torch.isfinite(torch.cat([mean, scale, form.ravel()])).all()
 
 
@@ -27,8 +33,8 @@ def test_padding_does_not_matter_to_the_pooling():
     """The stack in the middle of nothing, moved by whole strides, gives the same answer."""
     net = GammaNet(SMALL).eval()
     x = torch.zeros(2, CHANNELS, TILE + 64, TILE + 64)
-    x[0, :, 32:32 + TILE, 32:32 + TILE] = inputs(1)[0]
-    x[1, :, 48:48 + TILE, 16:16 + TILE] = inputs(1)[0]
+    x[0, :, 32:32 + TILE, 32:32 + TILE] = network_inputs(1)[0]
+    x[1, :, 48:48 + TILE, 16:16 + TILE] = network_inputs(1)[0]
     with torch.no_grad():
         mean = net(x)[0]
     assert float(mean[0]) == pytest.approx(float(mean[1]), abs=1e-4)
@@ -36,8 +42,8 @@ def test_padding_does_not_matter_to_the_pooling():
 
 def test_it_learns_four_samples_by_heart():
     torch.manual_seed(0)
-    net, x, gamma = GammaNet(SMALL), inputs(4), torch.tensor([0.2, 0.4, 0.6, 0.8])
-    y = torch.cat([torch.log(gamma)[:, None], torch.zeros(4, FORM)], 1)
+    net, x, gamma = GammaNet(SMALL), network_inputs(4), torch.tensor([0.2, 0.4, 0.6, 0.8])
+    y = torch.cat([torch.log(gamma)[:, None], torch.zeros(4, SHAPE_OUTPUTS)], 1)
     optimizer = torch.optim.Adam(net.parameters(), 5e-3)
     net.train()
     for _ in range(120):
@@ -55,7 +61,7 @@ def test_members_and_calibration_come_back_as_written(tmp_path):
     nets = [GammaNet(SMALL).eval() for _ in range(2)]
     save_members(tmp_path / "w.safetensors", nets, {"version": "x"}, SCORES)
     back, facts, more = load_members(tmp_path / "w.safetensors")
-    x = inputs(2)
+    x = network_inputs(2)
     with torch.no_grad():
         for a, b in zip(nets, back):
             assert torch.allclose(a(x)[0], b(x)[0], atol=5e-3)  # kept in half precision

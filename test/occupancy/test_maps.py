@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from kits.surfaces import hills, stack
+from kits.surfaces import sine_hills, stack_volume_of_heights
 
 from stack_counter import geometry
 from stack_counter.errors import ScanError
@@ -10,11 +10,11 @@ from stack_counter.occupancy.maps import (
     CHANNELS,
     PIXELS_PER_LENGTH,
     TILE,
-    channels,
-    describe,
     key_view_maps,
     make_maps,
+    network_channels,
     stack_maps,
+    surface_features,
     tiles,
 )
 from stack_counter.types import (
@@ -25,13 +25,13 @@ from stack_counter.types import (
 
 
 def test_a_stack_ten_times_as_large_of_parts_ten_times_as_large_looks_the_same():
-    small = stack_maps(stack(hills(1.0), 0.01, 0.002), 0.012**3)
-    large = stack_maps(stack(hills(10.0), 0.1, 0.02), 0.12**3)
-    np.testing.assert_allclose(channels(small), channels(large), atol=1e-4)
+    small = stack_maps(stack_volume_of_heights(sine_hills(1.0), 0.01, 0.002), 0.012**3)
+    large = stack_maps(stack_volume_of_heights(sine_hills(10.0), 0.1, 0.02), 0.12**3)
+    np.testing.assert_allclose(network_channels(small), network_channels(large), atol=1e-4)
 
 
 def test_heights_and_sides_are_in_parts():
-    maps = stack_maps(stack(np.full((60, 90), 0.05), 0.01, 0.002), 0.02**3)
+    maps = stack_maps(stack_volume_of_heights(np.full((60, 90), 0.05), 0.01, 0.002), 0.02**3)
     assert maps.height == pytest.approx(2.0)
     assert maps.top == pytest.approx(2.5)
     assert maps.valid.shape == (6 * PIXELS_PER_LENGTH, 9 * PIXELS_PER_LENGTH)
@@ -40,14 +40,14 @@ def test_heights_and_sides_are_in_parts():
 
 
 def test_a_heap_has_no_wall():
-    maps = stack_maps(stack(np.full((60, 90), 0.05), kind="none"), 0.02**3)
+    maps = stack_maps(stack_volume_of_heights(np.full((60, 90), 0.05), kind="none"), 0.02**3)
     assert (maps.wall == 3.0).all()
 
 
 def test_what_is_not_valid_does_not_leak_into_the_heights():
     heights = np.full((60, 60), 0.05)
     heights[:, :20] = np.nan
-    maps = stack_maps(stack(heights), 0.013**3)
+    maps = stack_maps(stack_volume_of_heights(heights), 0.013**3)
     assert maps.top[maps.valid] == pytest.approx(0.05 / 0.013)
     assert not maps.top[~maps.valid].any()
 
@@ -62,7 +62,7 @@ def test_tiles_cover_the_stack(rows, cols, count):
     assert all(piece.top.shape == (TILE, TILE) for piece in pieces)
     seen = {round(float(v), 6) for piece in pieces for v in piece.top[piece.valid]}
     assert len(seen) >= 0.75 * rows * cols
-    assert channels(pieces[0]).shape == (CHANNELS, TILE, TILE)
+    assert network_channels(pieces[0]).shape == (CHANNELS, TILE, TILE)
 
 
 @pytest.mark.parametrize("heights, unit_volume, message", [
@@ -72,12 +72,12 @@ def test_tiles_cover_the_stack(rows, cols, count):
 ])
 def test_what_cannot_be_read_is_refused(heights, unit_volume, message):
     with pytest.raises(ScanError, match=message):
-        stack_maps(stack(heights), unit_volume)
+        stack_maps(stack_volume_of_heights(heights), unit_volume)
 
 
 def test_features_tell_a_wrong_part_size():
-    right = describe(stack_maps(stack(hills(1.0)), 0.012**3))
-    wrong = describe(stack_maps(stack(hills(1.0)), 0.036**3))
+    right = surface_features(stack_maps(stack_volume_of_heights(sine_hills(1.0)), 0.012**3))
+    wrong = surface_features(stack_maps(stack_volume_of_heights(sine_hills(1.0)), 0.036**3))
     assert right.shape == (6,) and np.isfinite(wrong).all()
     assert right[0] - wrong[0] == pytest.approx(np.log(3), abs=0.05)  # mean height in l
 
@@ -88,7 +88,7 @@ def test_a_key_view_alone_gives_the_surface_along_its_axis():
     depth[20:40, 30:50] = 0.45
     labels = np.full((60, 80), PARTS, np.uint8)
     view = KeyView(0, k, geometry.pose(np.eye(3), np.zeros(3)), 4800, labels, depth)
-    maps = key_view_maps(stack(None, kind="hull", key_view=view), 0.025**3)
+    maps = key_view_maps(stack_volume_of_heights(None, kind="hull", key_view=view), 0.025**3)
     assert np.percentile(maps.height[maps.valid], 99) == pytest.approx(2.0, abs=0.05)
     assert np.median(maps.height[maps.valid]) == pytest.approx(0.0, abs=0.05)
     # 0.4 m by 0.3 m in view
@@ -97,4 +97,4 @@ def test_a_key_view_alone_gives_the_surface_along_its_axis():
 
 def test_a_key_view_without_depth_is_refused():
     with pytest.raises(ScanError, match="no depth in the key view"):
-        key_view_maps(stack(None), 1e-6)
+        key_view_maps(stack_volume_of_heights(None), 1e-6)

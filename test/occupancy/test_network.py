@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from kits.surfaces import hills, stack
+from kits.surfaces import sine_hills, stack_volume_of_heights
 
 from stack_counter.config import CounterConfig
 from stack_counter.errors import ScanError, WeightsError
 from stack_counter.occupancy.baselines import Baselines, Prior, make_estimator
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig, save_members, save_tuning
-from stack_counter.occupancy.maps import describe, stack_maps
-from stack_counter.occupancy.network import Network, predict
+from stack_counter.occupancy.maps import stack_maps, surface_features
+from stack_counter.occupancy.network import NetworkEstimator, predict
 from stack_counter.parts.catalogue import Part
-from stack_counter.parts.informed_gamma import estimate_part, for_part
+from stack_counter.parts.informed_gamma import estimate_occupancy, tuned_estimator
 
 V = 0.012**3
 
@@ -24,7 +24,7 @@ def weights(tmp_path):
     """An untrained ensemble that knows surfaces like `hills`."""
     torch.manual_seed(1)
     nets = [GammaNet(NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)) for _ in range(2)]
-    middle = describe(stack_maps(stack(hills(1.0)), V))
+    middle = surface_features(stack_maps(stack_volume_of_heights(sine_hills(1.0)), V))
     path = tmp_path / "w.safetensors"
     save_members(path, nets, {"version": "test"}, {
         "scores": torch.linspace(-2, 2, 41), "scores_one_side": torch.linspace(-3, 3, 21),
@@ -34,25 +34,30 @@ def weights(tmp_path):
 
 
 def network(path):
-    return Network(path, Prior(Baselines()))
+    return NetworkEstimator(path, Prior(Baselines()))
 
 
 def test_it_says_gamma_and_who_it_is(weights):
-    estimate = network(weights).estimate(stack(hills(1.0)), V)
+    estimate = network(weights).estimate(stack_volume_of_heights(sine_hills(1.0)), V)
     assert 0 < estimate.gamma < 1 and estimate.gamma_std > 0
     assert estimate.estimator == "network test" and estimate.reasons == ()
     assert len(estimate.scores) == 41
 
 
 def test_a_stack_seen_from_one_side_has_scores_of_its_own(weights):
-    seen = replace(stack(hills(1.0)), reasons=("one_side",))
-    one, other = (network(weights).estimate(s, V) for s in (seen, stack(hills(1.0))))
+    seen = replace(stack_volume_of_heights(sine_hills(1.0)), reasons=("one_side",))
+    one, other = (
+        network(weights).estimate(s, V) for s in (seen, stack_volume_of_heights(sine_hills(1.0)))
+    )
     assert len(one.scores) == 21
     assert other.gamma == pytest.approx(one.gamma * np.exp(0.1))
 
 
 def test_the_same_stack_gives_the_same_answer(weights):
-    said = {network(weights).estimate(stack(hills(1.0)), V).gamma for _ in range(3)}
+    said = {
+        network(weights).estimate(stack_volume_of_heights(sine_hills(1.0)), V).gamma
+        for _ in range(3)
+    }
     assert len(said) == 1
 
 
@@ -62,35 +67,42 @@ def test_tiles_count_by_what_stands_in_them(weights):
     alone = np.full((90, 90), 0.05)
     wide = np.full((90, 400), 0.01)
     wide[:, :90] = alone
-    maps = [stack_maps(stack(h, 0.01), V) for h in (alone, wide)]
+    maps = [stack_maps(stack_volume_of_heights(h, 0.01), V) for h in (alone, wide)]
     one, other = (np.exp(predict(net._members, m)[0]) for m in maps)
     assert one == pytest.approx(other, rel=0.3)
 
 
 def test_a_wrong_part_size_is_noticed_and_widens_the_interval(weights):
-    right = network(weights).estimate(stack(hills(1.0)), V)
-    wrong = network(weights).estimate(stack(hills(1.0)), 64 * V)
+    right = network(weights).estimate(stack_volume_of_heights(sine_hills(1.0)), V)
+    wrong = network(weights).estimate(stack_volume_of_heights(sine_hills(1.0)), 64 * V)
     assert "unlike_training" in wrong.reasons
     assert wrong.gamma_std / wrong.gamma > right.gamma_std / right.gamma
 
 
 def test_a_layer_of_few_parts_says_so(weights):
-    estimate = network(weights).estimate(stack(np.full((30, 30), 0.003)), 0.02**3)
+    estimate = network(weights).estimate(
+        stack_volume_of_heights(np.full((30, 30), 0.003)), 0.02**3
+    )
     assert {"shallow_stack"} <= set(estimate.reasons)
 
 
 def test_without_depth_the_prior_answers(weights):
-    estimate = network(weights).estimate(stack(None), V)
+    estimate = network(weights).estimate(stack_volume_of_heights(None), V)
     assert estimate.estimator.startswith("prior") and "no_depth" in estimate.reasons
 
 
 def test_an_empty_container_needs_no_gamma(weights):
-    assert network(weights).estimate(stack(np.full((50, 50), 0.01), 0.01), V).reasons == ()
+    assert (
+        network(weights)
+        .estimate(stack_volume_of_heights(np.full((50, 50), 0.01), 0.01), V)
+        .reasons
+        == ()
+    )
 
 
 def test_nan_heights_everywhere_are_refused(weights):
     with pytest.raises(ScanError, match="0 of 100 cells"):
-        network(weights).estimate(stack(np.full((10, 10), np.nan)), V)
+        network(weights).estimate(stack_volume_of_heights(np.full((10, 10), np.nan)), V)
 
 
 def test_weights_without_calibration_are_refused(tmp_path):
@@ -101,7 +113,11 @@ def test_weights_without_calibration_are_refused(tmp_path):
 
 
 def test_tuned_last_layers_say_what_the_ridge_wants(weights, tmp_path):
-    net, volume, path = network(weights), stack(hills(1.0)), tmp_path / "t.safetensors"
+    net, volume, path = (
+        network(weights),
+        stack_volume_of_heights(sine_hills(1.0)),
+        tmp_path / "t.safetensors",
+    )
     read = net.hidden(volume, V)
     assert read.shape == (2, 16)
     save_tuning(path, 0.1 * read / (read**2).sum(axis=1, keepdims=True), 0.05, net.name)
@@ -129,9 +145,13 @@ def test_a_part_with_tuned_layers_is_counted_by_them(weights, tmp_path):
     net, path = network(weights), tmp_path / "t.safetensors"
     save_tuning(path, np.zeros((2, 16)), 0.2, net.name)
     part = Part(V, "nut", tuned=path)
-    assert "tuned" in for_part(net, part).name and for_part(net, Part(V)) is net
-    assert for_part(Prior(Baselines()), part).name == "prior (baseline)"
-    gamma = estimate_part(stack(hills(1.0)), part, net).gamma
-    assert gamma == pytest.approx(net.estimate(stack(hills(1.0)), V).gamma * np.exp(0.2))
+    assert "tuned" in tuned_estimator(net, part).name and tuned_estimator(net, Part(V)) is net
+    assert tuned_estimator(Prior(Baselines()), part).name == "prior (baseline)"
+    gamma = estimate_occupancy(stack_volume_of_heights(sine_hills(1.0)), part, net).gamma
+    assert gamma == pytest.approx(
+        net.estimate(stack_volume_of_heights(sine_hills(1.0)), V).gamma * np.exp(0.2)
+    )
     save_tuning(path, np.zeros((2, 16)), 0.3, net.name)
-    assert estimate_part(stack(hills(1.0)), part, net).gamma > gamma, "a changed file is read"
+    assert estimate_occupancy(stack_volume_of_heights(sine_hills(1.0)), part, net).gamma > gamma, (
+        "a changed file is read"
+    )

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from kits.known_parts import COUNTED, model
+from kits.known_parts import COUNTED, gamma_model
 
 from stack_counter.errors import ConfigError, PartError
 from stack_counter.parts.catalogue import Part, load_parts, remove_part, resolve_part, save_part
@@ -12,7 +12,9 @@ from stack_counter.parts.gamma_model import PartModels
 
 def test_a_part_survives_the_file(tmp_path):
     path = tmp_path / "parts.yaml"
-    PartModels("network 7", model(), model(), "64 piles").write(tmp_path / "parts" / "nut.json")
+    PartModels("network 7", gamma_model(), gamma_model(), "64 piles").write(
+        tmp_path / "parts" / "nut.json"
+    )
     part = Part(6.0e-6, "nut: #1", 1e-8, tmp_path / "nut.stl", 2700.0, (0.2, 0.5),
                 tmp_path / "parts" / "nut.json", tmp_path / "parts" / "nut.safetensors",
                 "from nut.stl", (COUNTED, COUNTED))

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from kits.known_parts import model, with_signal
+from kits.known_parts import gamma_model, gamma_model_with_signal
 
 from stack_counter.errors import PartError, ScanError
 from stack_counter.parts.gamma_model import (
@@ -20,7 +20,7 @@ SCAN = Reading(3.0, 6.0, np.log(0.5))
 
 
 def test_two_independent_sources_are_joined_by_their_variances():
-    made = with_signal(0.1)
+    made = gamma_model_with_signal(0.1)
     belief = made.believe(SCAN)
     weight = 0.1**2 / (0.1**2 + 0.04**2)  # of what is said; the prior's own error is 0.1
     expected = np.log(0.6) + weight * (np.log(0.5) - np.log(0.6))
@@ -31,12 +31,12 @@ def test_two_independent_sources_are_joined_by_their_variances():
 
 
 def test_an_estimator_that_knows_nothing_of_the_part_weighs_nothing():
-    belief = model().believe(SCAN)
+    belief = gamma_model().believe(SCAN)
     assert belief.mean == pytest.approx(np.log(0.6)) and belief.shares["estimator"] == 0
 
 
 def test_counted_scans_shrink_the_part_of_the_error_that_all_share():
-    made, seen = model(), dataclasses.replace(SCAN, true=np.log(0.7))
+    made, seen = gamma_model(), dataclasses.replace(SCAN, true=np.log(0.7))
     stds, means = [made.believe(SCAN).std], []
     for count in (1, 3, 30):
         belief = made.believe(SCAN, [seen] * count)
@@ -53,20 +53,20 @@ def test_counted_scans_shrink_the_part_of_the_error_that_all_share():
 
 
 def test_the_error_of_v_is_one_that_counted_scans_take_away():
-    made, seen = model(shared=0.0), dataclasses.replace(SCAN, true=np.log(0.7))
+    made, seen = gamma_model(shared=0.0), dataclasses.replace(SCAN, true=np.log(0.7))
     assert made.believe(SCAN, unit_std=0.1).std == pytest.approx(np.hypot(0.1, 0.03))
     assert made.believe(SCAN, [seen] * 20, 0.1).std < 0.032
 
 
 def test_an_estimate_without_a_common_name_is_left_out():
     silent = dataclasses.replace(SCAN, said=np.nan)
-    belief = with_signal(0.1).believe(silent)
+    belief = gamma_model_with_signal(0.1).believe(silent)
     assert belief.mean == pytest.approx(np.log(0.6)) and belief.surprise == 0
     assert belief.shares == {"estimator": 0.0, "piles": 1.0}
 
 
 def test_drift_is_told_from_scatter():
-    made = model()
+    made = gamma_model()
     history = [dataclasses.replace(SCAN, true=np.log(0.6))] * 5
     near, far = (dataclasses.replace(SCAN, true=np.log(x)) for x in (0.62, 0.75))
     assert abs(made.expected_count_error(near, history)) < 2
@@ -74,7 +74,7 @@ def test_drift_is_told_from_scatter():
 
 
 def test_gamma_over_fills_and_what_it_depends_on():
-    made = model()
+    made = gamma_model()
     tilted = dataclasses.replace(made, coefficients=np.array([[-0.5, 0.2, -1.0]] * 2))
     gamma, std = tilted.gamma_at(2.0, 5.0)
     assert gamma == pytest.approx(np.exp(-0.5 + 0.2 / 2.5 - 0.2)) and std > 0
@@ -86,7 +86,7 @@ def test_gamma_over_fills_and_what_it_depends_on():
 
 def test_models_survive_a_file(tmp_path):
     path = tmp_path / "parts" / "a.json"
-    made = PartModels("network 7", model(), model(0.2), "64 piles")
+    made = PartModels("network 7", gamma_model(), gamma_model(0.2), "64 piles")
     made.write(path)
     again = read_models(path)
     assert (again.estimator, again.made) == ("network 7", "64 piles")

@@ -9,19 +9,19 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.parts.template import Template, scan_template, shipped
 from stack_counter.sim import record
-from stack_counter.sim.physics.table import rest_turns, spread
+from stack_counter.sim.physics.table import lay_out_pieces, rest_turns
 from stack_counter.sim.shapes import make_shape
 
 BRACKET = make_shape(11, "bracket")
 
 
 def scan(shape, pieces, told=None, **changes):
-    views = record(spread(shape, pieces, 1), 12, 0, color=False)
+    views = record(lay_out_pieces(shape, pieces, 1), 12, 0, color=False)
     return scan_template(views, told or pieces, ReconstructorConfig(**changes))
 
 
 def test_pieces_lie_apart_and_each_in_a_rest_pose():
-    scene = spread(BRACKET, 7, 3)
+    scene = lay_out_pieces(BRACKET, 7, 3)
     turns, chances = rest_turns(BRACKET)
     assert chances.sum() == pytest.approx(1) and len(scene.poses) == 7
     vertices = scene.parts_mesh().vertices.reshape(7, -1, 3)
@@ -59,13 +59,13 @@ def test_round_parts_are_told():
 
 
 def test_views_without_depth_are_too_few():
-    views = [v for v in record(spread(BRACKET, 2, 1), 3, 0, color=False)]
+    views = [v for v in record(lay_out_pieces(BRACKET, 2, 1), 3, 0, color=False)]
     with pytest.raises(ScanError, match="2 views with depth; expected at least 6"):
         scan_template(views[:2], 2, ReconstructorConfig())
 
 
 def test_pieces_that_are_not_whole_are_refused():
-    scene = spread(BRACKET, 5, 1)
+    scene = lay_out_pieces(BRACKET, 5, 1)
     poses = scene.poses.copy()
     tall = scene.parts_mesh().vertices.reshape(5, -1, 3)[0, :, 2].max()
     poses[0, 2] -= 0.75 * tall  # sunk into the table

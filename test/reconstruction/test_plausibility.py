@@ -11,7 +11,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region
 from stack_counter.pipeline import StackCounter
-from stack_counter.reconstruction.plausibility import check_agreement, cut_everywhere
+from stack_counter.reconstruction.plausibility import check_agreement, stack_leaves_every_image
 
 INNER, FILL = (0.3, 0.2, 0.12), 0.07
 
@@ -76,8 +76,8 @@ def test_a_background_label_carves_where_depth_is_missing(labelled):
 def test_a_bin_beyond_all_images_is_told():
     views = bin_views(radius=0.25)
     region = Region(np.array([-0.3, -0.3, -0.02]), np.array([0.3, 0.3, 0.2]), 0.0, 0.001)
-    assert cut_everywhere(views, region)
-    assert not cut_everywhere(bin_views(), region)
+    assert stack_leaves_every_image(views, region)
+    assert not stack_leaves_every_image(bin_views(), region)
 
 
 def test_more_memory_than_allowed_is_a_reason_to_skip_views():

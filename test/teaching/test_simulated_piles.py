@@ -5,14 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from kits.known_parts import Says, scan
+from kits.known_parts import ConstantEstimator, stack_volume_of_box
 
 from stack_counter.config import Config, CounterConfig, ReconstructorConfig
 from stack_counter.container.catalogue import TaughtContainer, save_container
 from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall
 from stack_counter.errors import ScanError
 from stack_counter.teaching.add_part import make_order
-from stack_counter.teaching.simulated_piles import make_pile, read, rig_container, scaled
+from stack_counter.teaching.simulated_piles import (
+    counted_reading,
+    make_pile,
+    rig_container,
+    scaled,
+)
 
 BLOCK = trimesh.creation.box((0.03, 0.02, 0.02))
 
@@ -42,8 +47,12 @@ def test_a_taught_container_is_the_one_simulated(tmp_path, form, kind, size):
 
 def test_a_scan_that_shows_nothing_of_a_pile_is_none():
     with pytest.raises(ScanError, match="V of 50 parts is 0.0 m3; expected some"):
-        read(replace(scan(), stack_volume=0.0), 1e-6, Says(), 50)
-    assert np.exp(read(scan(), 1e-6, Says(), 120).true) == pytest.approx(0.5)
+        counted_reading(
+            replace(stack_volume_of_box(), stack_volume=0.0), 1e-6, ConstantEstimator(), 50
+        )
+    assert np.exp(
+        counted_reading(stack_volume_of_box(), 1e-6, ConstantEstimator(), 120).log_gamma_counted
+    ) == pytest.approx(0.5)
 
 
 def test_a_pile_is_seen_from_around_and_from_above():
@@ -58,5 +67,5 @@ def test_a_pile_is_seen_from_around_and_from_above():
     length = (0.03 * 0.02 * 0.02) ** (1 / 3)
     for seen in (pile.arc, pile.above):
         assert 0.3 <= seen.friction <= 0.4 and 0 < seen.volume_std < 0.3
-        assert 0.35 < np.exp(seen.reading.true) < 0.85
+        assert 0.35 < np.exp(seen.reading.log_gamma_counted) < 0.85
         assert 0.7 < seen.reading.width * length / np.sqrt(size[0] * size[1]) < 1.3

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kits.known_parts import piles
+from kits.known_parts import simulated_readings
 
 from stack_counter.teaching.simulated_piles import Pile
 from stack_counter.teaching.tuning import tune
@@ -13,9 +13,9 @@ from stack_counter.teaching.tuning import tune
 def with_hidden(misses_of, size=12):
     """Piles whose last layers, of two members, show what the network misses, or do not."""
     random, out = np.random.default_rng(2), []
-    for pile in piles(60):
+    for pile in simulated_readings(60):
         hidden = random.normal(size=(2, size))
-        said = pile.reading.true - misses_of(random, hidden)
+        said = pile.reading.log_gamma_counted - misses_of(random, hidden)
         seen = replace(pile, hidden=hidden, reading=replace(pile.reading, said=said))
         out.append(Pile(seen, None))
     return out
@@ -27,7 +27,9 @@ def test_what_the_last_layers_show_is_learnt():
     assert tuning.weight[0, 0] / 2 == pytest.approx(0.1, abs=0.03), "members are averaged"
     assert tuning.weight[1, 3] / 2 == pytest.approx(-0.05, abs=0.03)
     assert tuning.tuned < 0.5 * tuning.joined and tuning.better
-    shift = [a.arc.reading.said - a.arc.reading.true for a in tuning.piles]
+    shift = [
+        a.arc.reading.log_gamma_estimated - a.arc.reading.log_gamma_counted for a in tuning.piles
+    ]
     assert np.abs(shift).mean() < 0.02, "each pile by layers that have not seen it"
 
 

@@ -11,7 +11,7 @@ from stack_counter.occupancy import gamma_net
 from stack_counter.occupancy.baselines import Baselines, Prior
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.maps import make_maps
-from stack_counter.occupancy.network import Network
+from stack_counter.occupancy.network import NetworkEstimator
 from stack_counter.train import calibrate, gamma
 from stack_counter.train.data.fused import Scan
 from stack_counter.train.data.heights import Sample, write_samples
@@ -107,7 +107,7 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
     assert all(net is nets[fold[r.scan.sample.family]] for net, r in zip(seen, of))
     assert of[0].log_count == pytest.approx(np.log(of[0].scan.sample.gamma) - np.log(1.1))
     assert of[0].spread == pytest.approx(np.hypot(0.2, 2 / 110))
-    unknown = calibrate.Known(np.full(6, 99.0), np.eye(6), np.ones(1))
+    unknown = calibrate.TrainingDomain(np.full(6, 99.0), np.eye(6), np.ones(1))
     doubted = calibrate.residuals(nets, scans, fold, unknown)
     assert all(a.spread > 9 * b.spread for a, b in zip(doubted, of))  # as the run time widens it
 
@@ -130,6 +130,6 @@ def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys):
                                      str(out), "--version", "t1"])
     assert calibrate.main() == 0
     assert "gamma_mae" in capsys.readouterr().out
-    network = Network(out, Prior(Baselines()))
+    network = NetworkEstimator(out, Prior(Baselines()))
     assert network.name == "network t1"
     assert network._known.strangeness(samples[0].maps) < 1.5

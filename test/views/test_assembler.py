@@ -10,14 +10,14 @@ from kits.bags import FRAME, bag, bin_views, picture
 from stack_counter.bag.reader import BagReader, fit_config, listened
 from stack_counter.config import CollectorConfig
 from stack_counter.views.assembler import ViewAssembler
-from stack_counter.views.rig import RigAssembler, rig_of
+from stack_counter.views.rig import RigAssembler, load_rig
 
 
 def load(path):
     """Topic and message of every record, and the settings that fit."""
     reader = BagReader(path)
     config = fit_config(CollectorConfig(), reader.topics)
-    topics = listened(RigAssembler(rig_of(config)))
+    topics = listened(RigAssembler(load_rig(config)))
     return [(r.topic, r.decode()) for r in reader.records(set(topics))], config
 
 

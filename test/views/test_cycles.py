@@ -5,7 +5,7 @@ import pytest
 
 from stack_counter.errors import ViewError
 from stack_counter.types import Intrinsics, View
-from stack_counter.views.cycles import CycleFormer
+from stack_counter.views.cycles import CycleGrouper
 
 MS = 1_000_000
 
@@ -15,7 +15,7 @@ def view(stamp_ms):
 
 
 def former(live=False, timeout_s=0.5):
-    return CycleFormer(("a", "b", "c"), 0.02, timeout_s, live)
+    return CycleGrouper(("a", "b", "c"), 0.02, timeout_s, live)
 
 
 def test_a_cycle_is_over_when_all_cameras_have_spoken():

@@ -7,13 +7,13 @@ import pytest
 
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import ConfigError
-from stack_counter.views.rig import RigAssembler, rig_of
+from stack_counter.views.rig import RigAssembler, load_rig
 
 ROOT = Path(__file__).parents[2]
 
 
 def rig(path, **settings):
-    return rig_of(CollectorConfig(rig=str(path), **settings))
+    return load_rig(CollectorConfig(rig=str(path), **settings))
 
 
 def test_the_example_is_one():
@@ -29,14 +29,14 @@ def test_the_example_is_one():
 
 
 def test_without_a_file_there_is_one_camera_as_configured():
-    one = rig_of(CollectorConfig(color_topic="/c", depth_topic=""))
+    one = load_rig(CollectorConfig(color_topic="/c", depth_topic=""))
     assert [c.name for c in one.cameras] == [""]
     assert list(RigAssembler(one).takers()) == ["/c", "/camera/color/camera_info"]
 
 
 def test_a_cycle_counts_whether_anything_has_changed_or_not():
-    assert rig_of(CollectorConfig(mode="cycle")).cameras[0].config.min_change == 0
-    assert rig_of(CollectorConfig()).cameras[0].config.min_change > 0
+    assert load_rig(CollectorConfig(mode="cycle")).cameras[0].config.min_change == 0
+    assert load_rig(CollectorConfig()).cameras[0].config.min_change > 0
 
 
 CAMERA = "{color_topic: /a, camera_info_topic: /i}"

@@ -23,7 +23,7 @@ from stack_counter.eval.common.sets import folder_of
 from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
 from stack_counter.sim import Scene, read_scenes
-from stack_counter.train import cast, reconstruct
+from stack_counter.train import ideal_surface, reconstruct
 from stack_counter.types import Container, HeightMap, StackVolume, ViewTally
 
 ROWS = {"Mean": "prior", "DepthExtrapolated": "depth_extrapolated",
@@ -133,7 +133,7 @@ def _guess(estimator: OccupancyEstimator, volume: StackVolume, unit_volume: floa
 
 def ideal(scene: Scene) -> StackVolume:
     """What a perfect reconstruction would give: the true V and the surface as cast."""
-    top, inner, valid = cast(scene)
+    top, inner, valid = ideal_surface(scene)
     length = scene.truth.unit_volume ** (1 / 3)
     maps = [HeightMap(np.eye(4), length / PIXELS_PER_LENGTH,
                       np.where(valid, a * length, np.nan).astype(np.float32))

@@ -33,7 +33,7 @@ class DepthCarrier:
         points = world_points(view)
         height = points[..., 2] - self._region.plane_z
         low = 1 / (1 + np.exp(np.clip((height - _LOW) / _LOW_STEP, -8, 8)))
-        p = np.where(self._region.holds(points), np.clip(low, 1 - _SURE, _SURE), 1 - 1e-3)
+        p = np.where(self._region.contains(points), np.clip(low, 1 - _SURE, _SURE), 1 - 1e-3)
         return np.where(np.isfinite(height), p, _UNKNOWN).astype(np.float32)
 
     def prior(self, view: View) -> np.ndarray:
@@ -54,6 +54,6 @@ class DepthCarrier:
     def _voxels(self, view: View) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
         """(h, w) bool pixels in the region, and the indices of their voxels."""
         points = world_points(view)
-        known = self._region.holds(points)
+        known = self._region.contains(points)
         index = np.floor((points[known] - self._region.low) / self._cell).astype(int)
         return known, tuple(np.minimum(index, np.array(self._votes.shape[:3]) - 1).T)

@@ -17,8 +17,8 @@ import yaml
 from stack_counter import geometry
 from stack_counter.bag.writer import Transform, write_bag, write_rig_bag
 from stack_counter.errors import BagError
-from stack_counter.sim.camera.recording import FRAME, record, station, watch
-from stack_counter.sim.physics.table import spread
+from stack_counter.sim.camera.recording import FRAME, record, record_fixed_camera, station
+from stack_counter.sim.physics.table import lay_out_pieces
 from stack_counter.sim.scenes.scene import Scene
 from stack_counter.types import View
 
@@ -53,7 +53,7 @@ def write_spread_bag(scene: Scene, out: Path, pieces: int, views: int, seed: int
     """
     if not 1 <= pieces <= _MOST_SPREAD:
         raise BagError(f"{pieces} pieces; expected 1 to {_MOST_SPREAD}")
-    write_scene_bag(spread(scene.shape, pieces, seed, scene.index), out, views, seed)
+    write_scene_bag(lay_out_pieces(scene.shape, pieces, seed, scene.index), out, views, seed)
 
 
 def write_picks_bag(scene: Scene, out: Path, picks: int, seed: int) -> None:
@@ -64,8 +64,8 @@ def write_picks_bag(scene: Scene, out: Path, picks: int, seed: int) -> None:
     """
     if not 1 <= picks <= len(scene.poses):
         raise BagError(f"{picks} picks from {len(scene.poses)} parts; expected 1 to that many")
-    states = list(picked(scene, picks))
-    views = watch(states, seed)
+    states = list(remove_parts(scene, picks))
+    views = record_fixed_camera(states, seed)
     mount: Transform = (views[0].stamp_ns, "base_link", FRAME, views[0].T_world_camera)
     write_bag(out, views, transforms=(), static=[mount])
     counts = [{"stamp_ns": view.stamp_ns, "count": len(state.poses)}
@@ -83,7 +83,7 @@ def write_station_bag(scene: Scene, out: Path, cycles: int, seed: int) -> None:
     if not 1 <= cycles <= len(scene.poses):
         raise BagError(f"{cycles} cycles with {len(scene.poses)} parts; expected 1 to that many")
     left = [round(len(scene.poses) * (1 - k / cycles)) for k in range(cycles)]
-    states = list(picked(scene, len(scene.poses) - left[-1]))
+    states = list(remove_parts(scene, len(scene.poses) - left[-1]))
     shown = [next(s for s in states if len(s.poses) == n) for n in left]
     cameras = station(shown, seed=seed)
     static: list[Transform] = [(views[0].stamp_ns, "base_link", views[0].camera,
@@ -114,7 +114,7 @@ def _rig(cameras: dict[str, list[View]], poses: dict[str, np.ndarray]) -> dict:
     return {"cameras": body, "trigger": {"tolerance_s": 0.05, "timeout_s": 0.5}}
 
 
-def picked(scene: Scene, picks: int) -> Iterator[Scene]:
+def remove_parts(scene: Scene, picks: int) -> Iterator[Scene]:
     """The scene, and after each pick what is left of it.
 
     The part that reaches highest is taken. What leaned on it, or lay on its lower end, stays as

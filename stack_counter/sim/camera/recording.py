@@ -44,7 +44,7 @@ def record(scene: Scene, views: int = 12, seed: int = 0, color: bool = True,
     return taken if labels else [replace(view, labels=None) for view in taken]
 
 
-def watch(states: list[Scene], seed: int = 0, color: bool = True) -> list[View]:
+def record_fixed_camera(states: list[Scene], seed: int = 0, color: bool = True) -> list[View]:
     """Views of one fixed camera above, one of each state of a scene; its pose is calibrated once.
 
     Args:

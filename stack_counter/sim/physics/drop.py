@@ -31,14 +31,14 @@ def make_scene(seed: int, index: int, recipe: Recipe, skipped: Counter[str]) -> 
         try:
             shape = recipe.shape(seed, index, attempt)
             plan = recipe.draw(random, shape, len(convex_pieces(shape)), seed, index)
-            return drop(plan, random, seed, index)
+            return simulate_pile(plan, random, seed, index)
         except (SceneError, ShapeError) as error:
             skipped[str(error).split(":")[0]] += 1
     raise SceneError(f"scene {index} of seed {seed} failed {_TRIES} times: {dict(skipped)}")
 
 
-def drop(plan: Plan, random: np.random.Generator, seed: int = 0, index: int = 0,
-         decompose: bool = True) -> Scene:
+def simulate_pile(plan: Plan, random: np.random.Generator, seed: int = 0, index: int = 0,
+                  decompose: bool = True) -> Scene:
     """Simulates one plan.
 
     Args:

@@ -17,7 +17,7 @@ _PLAY = 0.12  # part diagonals by which each lies off its place
 _RARE = 0.01  # probability below which a rest pose is left out
 
 
-def spread(shape: Shape, pieces: int, seed: int, index: int = 0) -> Scene:
+def lay_out_pieces(shape: Shape, pieces: int, seed: int, index: int = 0) -> Scene:
     """So many pieces, dropped one by one beside each other.
 
     A piece dropped any way round comes to rest in a pose by that one's probability; no two poses

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import torch
 
-from stack_counter.occupancy.maps import TILE, StackMaps, channels
+from stack_counter.occupancy.maps import TILE, StackMaps, network_channels
 from stack_counter.train.data.degrade import degraded
 from stack_counter.train.data.heights import Sample
 
@@ -70,7 +70,7 @@ def make_tile(of: Sample, as_is: bool, seed: tuple[int, ...], blind: float = BLI
     `blind`: how likely it is to be blinded."""
     random = np.random.default_rng(seed)
     tile = tile_of(of.maps if as_is else degraded(of, random), random)
-    x = channels(tile)
+    x = network_channels(tile)
     return blinded(x) if random.random() < blind else x
 
 

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from stack_counter.fusion.voxel_size import voxel_size_for
-from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, describe
+from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, surface_features
 from stack_counter.train.data.heights import Sample
 
 BLUR = (0.4, 0.65)  # standard deviation of fusion, voxels
@@ -59,7 +59,7 @@ def main() -> int:
     for scan in read_scans(options.scans):
         if scan.found and scan.sample.name in by_name:
             twin = by_name[scan.sample.name]
-            rows.append(np.stack([describe(m) for m in (
+            rows.append(np.stack([surface_features(m) for m in (
                 scan.sample.maps, degraded(twin, random), twin.maps)]))
             lengths.append(twin.length_m)
     ratio = np.exp(np.array(rows)[:, :1] - np.array(rows)[:, 1:])  # (n, degraded | cast, 6)

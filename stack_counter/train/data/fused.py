@@ -12,7 +12,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.occupancy.maps import stack_maps
 from stack_counter.pipeline import StackCounter
-from stack_counter.sim import FOUND_AS, Scene, record, watch
+from stack_counter.sim import FOUND_AS, Scene, record, record_fixed_camera
 from stack_counter.train.data.heights import Sample, form_of, read_samples
 from stack_counter.types import StackVolume
 
@@ -51,7 +51,7 @@ def reconstruct_from_above(scene: Scene) -> StackVolume:
     """
     stack = StackCounter(ReconstructorConfig(live=True))
     stack.reset(scene.truth.unit_volume)
-    stack.add_view(watch([scene], color=False)[0])
+    stack.add_view(record_fixed_camera([scene], color=False)[0])
     return stack.volume()
 
 

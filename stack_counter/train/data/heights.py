@@ -52,7 +52,7 @@ class Sample:
     fill: float
 
 
-def cast(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def ideal_surface(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Ideal top and inner surface in l and whether they lie over the opening (heap: the stack),
     each (rows, cols) at the network's resolution."""
     length, box = scene.truth.unit_volume ** (1 / 3), scene.container
@@ -105,7 +105,7 @@ def _shifted(around: np.ndarray, dy: int, dx: int, shape: tuple[int, ...]) -> np
 
 def sample(scene: Scene) -> Sample:
     """A scene as an arc of views sees it."""
-    top, inner, valid = cast(scene)
+    top, inner, valid = ideal_surface(scene)
     length = scene.truth.unit_volume ** (1 / 3)
     random = np.random.default_rng([scene.seed, scene.index, 0x5EE])
     seen = seen_by_arc(top, valid, scene.container.rim_m / length, random)

@@ -11,7 +11,7 @@ from stack_counter.cli import main
 from stack_counter.errors import BagError
 from stack_counter.sim import Scene
 from stack_counter.sim.camera.bags import (
-    picked,
+    remove_parts,
     write_picks_bag,
     write_scene_bag,
     write_spread_bag,
@@ -63,7 +63,7 @@ def test_beside_a_recording_lies_the_parts_mesh(scene, tmp_path):
 
 
 def test_picks_take_the_highest_part_first(scene):
-    states = list(picked(scene, 4))
+    states = list(remove_parts(scene, 4))
     assert [len(s.poses) for s in states] == [4, 3, 2, 1, 0]
     high = scene.poses[:, 2]
     assert states[1].poses[:, 2].max() == np.sort(high)[-2]

@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from stack_counter.sim.physics.drop import MAX_PENETRATION, drop, make_scene
+from stack_counter.sim.physics.drop import MAX_PENETRATION, make_scene, simulate_pile
 from stack_counter.sim.physics.plans import Plan
 from stack_counter.sim.physics.recipes import Recipe
 from stack_counter.sim.scenes.containers import ContainerShape
@@ -27,8 +27,10 @@ def box(kind, width, depth, draft=0.0, shape=BLOCK):
 
 
 def poured(container, count, shape=BLOCK, seed=0, **how):
-    return drop(Plan(shape, container, 0.7 * np.array(container.inner_size_m[:2]), count, **how),
-                np.random.default_rng(seed))
+    return simulate_pile(
+        Plan(shape, container, 0.7 * np.array(container.inner_size_m[:2]), count, **how),
+        np.random.default_rng(seed),
+    )
 
 
 def vertices(scene):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stack_counter.occupancy.maps import TILE, channels, make_maps
+from stack_counter.occupancy.maps import TILE, make_maps, network_channels
 from stack_counter.train.data.batches import FOLDS, batches, blinded, fold_of, group_of, tile_of
 from stack_counter.train.data.degrade import degraded
 from stack_counter.train.data.heights import Sample, read_samples, write_samples
@@ -50,7 +50,7 @@ def test_degradation_smooths_and_keeps_the_mean():
 def test_a_blinded_tile_shows_neither_wall_nor_floor():
     of = sample().maps
     deep = make_maps(of.top + 5, of.top - of.height, of.valid, True)
-    x, y = blinded(channels(of)), blinded(channels(deep))
+    x, y = blinded(network_channels(of)), blinded(network_channels(deep))
     np.testing.assert_allclose(x, y, atol=1e-5)
     assert (x[2] == x[1]).all()
 
