@@ -57,7 +57,7 @@ class Collector(ManagedNode[CollectorConfig]):
         self._heard = False  # the reconstructor says that posed images reach it
         self._forget_scans()
         self._recording.configure(config, self.get_logger().warning)
-        self.undo_with(self._recording.close)
+        self.on_cleanup_call(self._recording.close)
         self._inputs = []
         sensor = QoSProfile(depth=30, reliability=ReliabilityPolicy.RELIABLE if config.reliable
                             else ReliabilityPolicy.BEST_EFFORT)
@@ -75,12 +75,12 @@ class Collector(ManagedNode[CollectorConfig]):
         self._posed_images = self.advertise(PosedImage, "posed_images", RELIABLE)
         self._status = self.advertise(ScanStatus, "scan_status", RELIABLE)
         self.subscribe(ScanStatus, "scan_status", self._on_status, RELIABLE)
-        self.serve(StartScan, "start_scan", self._start_scan)
-        self.serve(StopScan, "stop_scan", self._stop_scan)
-        self.serve(Trigger, "reset", self._reset)
-        self.tick(0.1, self._look_at_the_clock)
+        self.add_service(StartScan, "start_scan", self._start_scan)
+        self.add_service(StopScan, "stop_scan", self._stop_scan)
+        self.add_service(Trigger, "reset", self._reset)
+        self.add_timer(0.1, self._look_at_the_clock)
 
-    def adjust(self, config: CollectorConfig) -> None:
+    def apply_runtime_config(self, config: CollectorConfig) -> None:
         """New gates hold from the next scan on."""
         self._config = config
         for camera, assembler in zip(self._rig.cameras, self._assembler.of.values()):
@@ -365,7 +365,7 @@ class Collector(ManagedNode[CollectorConfig]):
 
     # --- diagnostics --------------------------------------------------------------------------
 
-    def findings(self) -> list[tuple[bytes, str]]:
+    def status_lines(self) -> list[tuple[bytes, str]]:
         """Silent cameras and TF, views that wait."""
         found = []
         if self._open:
@@ -382,7 +382,7 @@ class Collector(ManagedNode[CollectorConfig]):
             found.append((WARN, f"{len(self._outbox)} scans wait: the cycles are too fast"))
         return found
 
-    def figures(self) -> Mapping[str, object]:
+    def status_values(self) -> Mapping[str, object]:
         """Rates, latencies, queues, skip reasons."""
         first, tally = self._outbox.first, self._tally()
         return {

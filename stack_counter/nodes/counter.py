@@ -49,14 +49,14 @@ class CounterNode(ManagedNode[CounterConfig]):
         self.subscribe(StackVolume, "volume", self._on_volume,
                        QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL))
         self._action = CountAction(self, config)
-        self.undo_with(self._action.destroy)
-        self.undo_with(self._free)
+        self.on_cleanup_call(self._action.destroy)
+        self.on_cleanup_call(self._free)
 
     def _free(self) -> None:
         """Gives back the memory of the network."""
         del self._estimator
 
-    def adjust(self, config: CounterConfig) -> None:
+    def apply_runtime_config(self, config: CounterConfig) -> None:
         """Part, confidence and what is expected hold from the next count on."""
         if config.part or config.unit_volume_m3:
             self._known(config, config.part, config.unit_volume_m3)
@@ -95,7 +95,7 @@ class CounterNode(ManagedNode[CounterConfig]):
             return failed_count(str(error), message)
         return to_stack_count(result, message)
 
-    def findings(self) -> list[tuple[bytes, str]]:
+    def status_lines(self) -> list[tuple[bytes, str]]:
         """What the last count is worth, and why the last goal was refused."""
         found = []
         last = self._last
@@ -106,7 +106,7 @@ class CounterNode(ManagedNode[CounterConfig]):
             found.append((WARN, f"the last goal was rejected: {self._action.rejected}"))
         return found or [(OK, "no scan yet")]
 
-    def figures(self) -> Mapping[str, object]:
+    def status_values(self) -> Mapping[str, object]:
         """The last count in numbers, who said it, and how long it took."""
         values: dict[str, object] = {"counting": self._action.busy,
                                      "estimator": self._estimator.name,

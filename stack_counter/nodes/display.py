@@ -33,7 +33,7 @@ class Display:
         self._rested_at = 0.0
         self._markers = node.advertise(MarkerArray, "markers", NEWEST)
         self._points = node.advertise(PointCloud2, "surface", NEWEST)
-        node.tick(_PERIOD_S, self._publish_newest)
+        node.add_timer(_PERIOD_S, self._publish_newest)
 
     def show(self, stack: StackCounter, volume: StackVolume | None, header: Header,
              final: bool) -> None:

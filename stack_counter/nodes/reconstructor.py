@@ -43,17 +43,17 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self._stopped_at = self._ran_at = 0.0
         self._last_volume = math.nan  # of this scan so far, m3
         self._images_in, self._took_s = Rate(), 0.0
-        self.undo_with(self._free)
+        self.on_cleanup_call(self._free)
         self._volume = self.advertise(StackVolume, "volume", LATCHED)
         self._status = self.advertise(ScanStatus, "scan_status", RELIABLE)
         self._display, self._reports = Display(self), ReportService(self, config.report_folder)
         self._images = self.subscribe(PosedImage, "posed_images", self._on_image, RELIABLE)
         self.subscribe(ScanStatus, "scan_status", self._on_status, RELIABLE)
-        self.serve(Trigger, "reset_reconstruction", self._reset)
-        self.tick(0.5, self._finish_if_whole)
-        self.tick(0.2, self._greet)
+        self.add_service(Trigger, "reset_reconstruction", self._reset)
+        self.add_timer(0.5, self._finish_if_whole)
+        self.add_timer(0.2, self._greet)
 
-    def adjust(self, config: ReconstructorConfig) -> None:
+    def apply_runtime_config(self, config: ReconstructorConfig) -> None:
         """New prompts hold from the next scan on."""
         self._next, self._config = StackCounter(config), config
 
@@ -188,7 +188,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         response.success = True
         return response
 
-    def findings(self) -> list[tuple[bytes, str]]:
+    def status_lines(self) -> list[tuple[bytes, str]]:
         """A collector that is silent, a scan that grows old."""
         if not self._images.get_publisher_count():
             return [(WARN, "nobody publishes posed_images; expected a collector")]
@@ -197,7 +197,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
                            "is as old")]
         return []
 
-    def figures(self) -> Mapping[str, object]:
+    def status_values(self) -> Mapping[str, object]:
         """Views, skips and times of the scan."""
         tally = self._stack.tally
         return {"scan": self._scan.scan_id if self._scan else "", "views Hz": self._images_in.hz,

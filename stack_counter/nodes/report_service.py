@@ -38,7 +38,7 @@ class ReportService:
         self._written: Path | None = None  # its report
         self._error = "nothing was counted yet; expected a scan and a counter"
         node.subscribe(StackCountMsg, "count", self._on_count, LATCHED)
-        node.serve(Trigger, "write_report", self._write)
+        node.add_service(Trigger, "write_report", self._write)
 
     def keep(self, scan_id: str, final: bool, volume: StackVolume) -> None:
         """A volume was published; its count will follow."""

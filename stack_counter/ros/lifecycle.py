@@ -46,8 +46,8 @@ class ManagedNode(LifecycleNode, Generic[Section]):
     def __init__(self, name: str, section: type[Section]):
         super().__init__(name, namespace=NAMESPACE)
         self._section = section
-        self._undo: list[Callable[[], Any]] = []  # gives back what `setup` makes
-        self._deaf: dict[str, str] = {}  # topic -> with whom its QoS does not fit
+        self._cleanup_calls: list[Callable[[], Any]] = []  # gives back what `setup` makes
+        self._qos_mismatches: dict[str, str] = {}  # topic -> with whom its QoS does not fit
         self.active = self._configured = False
         # Waiting and being late are matters of wall time, also where the clock is a bag's.
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -75,18 +75,18 @@ class ManagedNode(LifecycleNode, Generic[Section]):
         """Makes what the node needs; called on configure."""
         raise NotImplementedError
 
-    def adjust(self, config: Section) -> None:
+    def apply_runtime_config(self, config: Section) -> None:
         """Takes over settings that may change while the node is configured.
 
         Raises:
             StackCounterError: it cannot; then the old ones hold.
         """
 
-    def findings(self) -> list[tuple[bytes, str]]:
+    def status_lines(self) -> list[tuple[bytes, str]]:
         """What an operator should know: levels and lines; called once a second while active."""
         return []
 
-    def figures(self) -> Mapping[str, object]:
+    def status_values(self) -> Mapping[str, object]:
         """Figures for the diagnostics, while configured."""
         return {}
 
@@ -98,7 +98,7 @@ class ManagedNode(LifecycleNode, Generic[Section]):
             self.setup(self.read_config())
         except StackCounterError as error:
             self.get_logger().error(str(error))
-            self._give_back()
+            self._release()
             return TransitionCallbackReturn.FAILURE
         self._configured = True
         return TransitionCallbackReturn.SUCCESS
@@ -115,25 +115,25 @@ class ManagedNode(LifecycleNode, Generic[Section]):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Gives back all that configure made."""
-        self._give_back()
+        self._release()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """The same, from any state."""
         self.active = False
-        self._give_back()
+        self._release()
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """After a fault of ours in a transition: unconfigured, from where one can go on."""
         self.active = False
-        self._give_back()
+        self._release()
         return TransitionCallbackReturn.SUCCESS
 
-    def _give_back(self) -> None:
-        while self._undo:
-            self._undo.pop()()
-        self._deaf.clear()
+    def _release(self) -> None:
+        while self._cleanup_calls:
+            self._cleanup_calls.pop()()
+        self._qos_mismatches.clear()
         self._configured = False
 
     # --- parameters ---------------------------------------------------------------------------
@@ -154,7 +154,7 @@ class ManagedNode(LifecycleNode, Generic[Section]):
         try:
             config = build(self._section, {**self._values(), **ours})
             if self._configured and ours:
-                self.adjust(config)
+                self.apply_runtime_config(config)
         except StackCounterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -162,13 +162,13 @@ class ManagedNode(LifecycleNode, Generic[Section]):
     # --- diagnostics --------------------------------------------------------------------------
 
     def _diagnose(self) -> None:
-        found = [(ERROR, f"{topic}: {why}") for topic, why in self._deaf.items()]
+        found = [(ERROR, f"{topic}: {why}") for topic, why in self._qos_mismatches.items()]
         if self.active:
-            found += self.findings()
+            found += self.status_lines()
         level, message = worst(*found)
         state = "active" if self.active else "inactive" if self._configured else "unconfigured"
         values = {"state": state, "memory MB": memory_mb(),
-                  **(self.figures() if self._configured else {})}
+                  **(self.status_values() if self._configured else {})}
         header = Header(stamp=self.get_clock().now().to_msg())
         self._diagnostics.publish(to_array(self.get_name(), level,
                                            message if level != OK or self.active else state,
@@ -176,9 +176,9 @@ class ManagedNode(LifecycleNode, Generic[Section]):
 
     # --- connections --------------------------------------------------------------------------
 
-    def undo_with(self, undo: Callable[[], Any]) -> None:
+    def on_cleanup_call(self, undo: Callable[[], Any]) -> None:
         """Has cleanup call this."""
-        self._undo.append(undo)
+        self._cleanup_calls.append(undo)
 
     def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None],
                   qos: QoSProfile) -> Subscription:
@@ -195,33 +195,34 @@ class ManagedNode(LifecycleNode, Generic[Section]):
                                         throttle_duration_sec=5.0)
 
         def unfit(event: Any) -> None:
-            self._deaf[topic] = (f"{event.total_count} publishers offer another QoS (policy "
-                                 f"{event.last_policy_kind}); expected what this node asks for: "
-                                 "see parameter reliable")
-            self.get_logger().error(f"{topic}: {self._deaf[topic]}")
+            why = (f"{event.total_count} publishers offer another QoS (policy "
+                   f"{event.last_policy_kind}); expected what this node asks for: "
+                   "see parameter reliable")
+            self._qos_mismatches[topic] = why
+            self.get_logger().error(f"{topic}: {why}")
 
         made = self.create_subscription(
             kind, topic, guarded, qos,
             event_callbacks=SubscriptionEventCallbacks(incompatible_qos=unfit))
-        self._undo.append(lambda: self.destroy_subscription(made))
+        self._cleanup_calls.append(lambda: self.destroy_subscription(made))
         return made
 
     def advertise(self, kind: type, topic: str, qos: QoSProfile) -> Publisher:
         """A publisher that cleanup destroys."""
         made = self.create_publisher(kind, topic, qos)
-        self._undo.append(lambda: self.destroy_publisher(made))
+        self._cleanup_calls.append(lambda: self.destroy_publisher(made))
         return made
 
-    def serve(self, kind: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
+    def add_service(self, kind: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
         """A service that cleanup destroys."""
         made = self.create_service(kind, name, callback)
-        self._undo.append(lambda: self.destroy_service(made))
+        self._cleanup_calls.append(lambda: self.destroy_service(made))
 
-    def tick(self, period_s: float, callback: Callable[[], None]) -> None:
+    def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:
         """A timer that runs while the node is active."""
         made = self.create_timer(period_s, lambda: callback() if self.active else None,
                                  clock=self.steady)
-        self._undo.append(lambda: self.destroy_timer(made))
+        self._cleanup_calls.append(lambda: self.destroy_timer(made))
 
 
 def _descriptor(setting: dataclasses.Field) -> ParameterDescriptor:

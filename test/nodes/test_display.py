@@ -31,7 +31,7 @@ class Node:
     def __init__(self):
         self.of = {}
 
-    def tick(self, period_s, callback):
+    def add_timer(self, period_s, callback):
         self.pass_time = callback
 
     def advertise(self, kind, topic, qos):

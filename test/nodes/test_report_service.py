@@ -23,7 +23,7 @@ class Node:
         assert topic == "count"
         self.count = callback
 
-    def serve(self, kind, name, callback):
+    def add_service(self, kind, name, callback):
         assert name == "write_report"
         self.write = lambda: callback(Trigger.Request(), Trigger.Response())
 

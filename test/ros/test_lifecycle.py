@@ -11,7 +11,7 @@ ENDS_UNDER_A_CALLBACK = """
 import rclpy
 from std_msgs.msg import Header
 from stack_counter.config import CounterConfig
-from stack_counter.nodes.base import RELIABLE, ManagedNode, run
+from stack_counter.ros.lifecycle import RELIABLE, ManagedNode, run
 
 class Late(ManagedNode):
     def __init__(self):
@@ -19,7 +19,7 @@ class Late(ManagedNode):
 
     def setup(self, config):
         self.out = self.advertise(Header, "out", RELIABLE)
-        self.tick(0.01, self.work)
+        self.add_timer(0.01, self.work)
 
     def work(self):
         print("worked", flush=True)
