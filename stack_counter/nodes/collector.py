@@ -24,9 +24,11 @@ from stack_counter.errors import ConfigError, PartError, ViewError
 from stack_counter.nodes.scan_queue import QueuedScan, ScanQueue
 from stack_counter.nodes.scan_recording import ScanRecording
 from stack_counter.parts.catalogue import resolve_part
+from stack_counter.ros.conversions import to_posed_image
 from stack_counter.ros.diagnostics import WARN, Rate
-from stack_counter.ros.lifecycle import RELIABLE, ManagedNode, run
-from stack_counter.ros.to_msg import to_header, to_posed_image
+from stack_counter.ros.lifecycle import ManagedNode, run
+from stack_counter.ros.qos import RELIABLE
+from stack_counter.ros.standard_messages import to_header
 from stack_counter.types import View, ViewTally
 from stack_counter.views.cycles import Cycle, CycleGrouper
 from stack_counter.views.decoding import stamp_ns

@@ -19,8 +19,9 @@ from std_srvs.srv import Trigger
 from stack_counter.config import CounterConfig
 from stack_counter.errors import ConfigError, PartError
 from stack_counter.parts.catalogue import resolve_part
-from stack_counter.ros.lifecycle import RELIABLE, ManagedNode
-from stack_counter.ros.verdicts import set_verdict
+from stack_counter.ros.conversions import set_verdict
+from stack_counter.ros.lifecycle import ManagedNode
+from stack_counter.ros.qos import RELIABLE
 
 _COLLECTOR_WITHIN_S = 5.0  # a collector that is just starting is waited for
 _ANSWER_WITHIN_S = 10.0  # of a service
@@ -238,7 +239,7 @@ class CountAction:
             return None, count.error
         if count.views.used < asked.min_views:
             return None, f"{count.views.used} views used; expected at least {asked.min_views}"
-        count, why = set_verdict(count, asked.expected_count, asked.tolerance)
+        why = set_verdict(count, asked.expected_count, asked.tolerance)
         return count, f"{why}; ended by {ended}"
 
     async def _within(self, future: Future, seconds: float, otherwise: Any) -> Any:

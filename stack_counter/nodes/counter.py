@@ -5,23 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from stack_counter_msgs.msg import StackCount, StackVolume
 from visualization_msgs.msg import MarkerArray
 
 from stack_counter.config import CounterConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.nodes.count_action import CountAction
-from stack_counter.nodes.display import NEWEST
 from stack_counter.occupancy.baselines import make_estimator
 from stack_counter.parts.catalogue import Part, resolve_part
 from stack_counter.pipeline import count_stack
+from stack_counter.ros.conversions import (
+    failed_count,
+    from_stack_volume,
+    set_verdict,
+    to_stack_count,
+)
 from stack_counter.ros.diagnostics import ERROR, OK, WARN
-from stack_counter.ros.from_msg import from_stack_volume
-from stack_counter.ros.lifecycle import LATCHED, ManagedNode, run
+from stack_counter.ros.lifecycle import ManagedNode, run
 from stack_counter.ros.markers import count_markers, text_place
-from stack_counter.ros.to_msg import failed_count, to_stack_count
-from stack_counter.ros.verdicts import set_verdict
+from stack_counter.ros.qos import LATCHED, LATCHED_ALL, LATCHED_NEWEST
 from stack_counter.views.decoding import stamp_ns
 
 _LEVELS = {StackCount.STATUS_OK: OK, StackCount.STATUS_DEGRADED: WARN,
@@ -42,12 +44,12 @@ class CounterNode(ManagedNode[CounterConfig]):
         self._estimator = make_estimator(config)
         self._last: StackCount | None = None
         self._count = self.advertise(StackCount, "count", LATCHED)
-        self._text = self.advertise(MarkerArray, "count_marker", NEWEST)
+        self._text = self.advertise(MarkerArray, "count_marker", LATCHED_NEWEST)
         self._text_place = (np.zeros(3), 0.03)  # of the last stack: an error is written there too
         # Latched, so that a counter that starts late still counts the last volume; deep, so
         # that no volume of the continuous mode is lost.
         self.subscribe(StackVolume, "volume", self._on_volume,
-                       QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+                       LATCHED_ALL)
         self._action = CountAction(self, config)
         self.on_cleanup_call(self._action.destroy)
         self.on_cleanup_call(self._free)
@@ -72,7 +74,7 @@ class CounterNode(ManagedNode[CounterConfig]):
         count.weights = self._config.weights or "shipped"
         count.age = (self.get_clock().now().nanoseconds - stamp_ns(message.header.stamp)) * 1e-9
         if not count.error:
-            count, _ = set_verdict(count, self._config.expected_count, self._config.tolerance)
+            set_verdict(count, self._config.expected_count, self._config.tolerance)
         self._last = count
         self._count.publish(count)
         if count.error:

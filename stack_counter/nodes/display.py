@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
@@ -13,10 +12,9 @@ from visualization_msgs.msg import MarkerArray
 from stack_counter.pipeline import StackCounter
 from stack_counter.ros.lifecycle import ManagedNode
 from stack_counter.ros.markers import scene_markers, surface_points
+from stack_counter.ros.qos import LATCHED_NEWEST
 from stack_counter.types import StackVolume, View
 
-# Latched, but only the last one: each is some MB, and replaces the one before.
-NEWEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _PERIOD_S = 0.5
 _REST = 4.0  # so many times as long as showing took, a running scan has for counting alone
 
@@ -31,8 +29,8 @@ class Display:
     def __init__(self, node: ManagedNode):
         self._next: tuple | None = None  # arguments of `_publish`, if there are new ones
         self._rested_at = 0.0
-        self._markers = node.advertise(MarkerArray, "markers", NEWEST)
-        self._points = node.advertise(PointCloud2, "surface", NEWEST)
+        self._markers = node.advertise(MarkerArray, "markers", LATCHED_NEWEST)
+        self._points = node.advertise(PointCloud2, "surface", LATCHED_NEWEST)
         node.add_timer(_PERIOD_S, self._publish_newest)
 
     def show(self, stack: StackCounter, volume: StackVolume | None, header: Header,

@@ -16,10 +16,11 @@ from stack_counter.errors import ScanError, ViewError
 from stack_counter.nodes.display import Display
 from stack_counter.nodes.report_service import ReportService
 from stack_counter.pipeline import StackCounter, joined_tally
+from stack_counter.ros.conversions import from_posed_image, to_stack_volume, to_tally
 from stack_counter.ros.diagnostics import WARN, Rate
-from stack_counter.ros.from_msg import from_posed_image
-from stack_counter.ros.lifecycle import LATCHED, RELIABLE, ManagedNode, run
-from stack_counter.ros.to_msg import to_header, to_stack_volume, to_tally
+from stack_counter.ros.lifecycle import ManagedNode, run
+from stack_counter.ros.qos import LATCHED, RELIABLE
+from stack_counter.ros.standard_messages import to_header
 from stack_counter.types import ViewTally
 
 _OLD_S = 10.0  # without a view in continuous mode

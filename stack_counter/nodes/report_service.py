@@ -8,17 +8,16 @@ from __future__ import annotations
 import re
 import time
 from collections import deque
-from dataclasses import replace
 from pathlib import Path
 
 from stack_counter_msgs.msg import StackCount as StackCountMsg
-from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
 from std_srvs.srv import Trigger
 
 from stack_counter.display.report import write_report
 from stack_counter.errors import ScanError
-from stack_counter.ros.from_msg import from_stack_count
-from stack_counter.ros.lifecycle import LATCHED, ManagedNode
+from stack_counter.ros.conversions import from_stack_count
+from stack_counter.ros.lifecycle import ManagedNode
+from stack_counter.ros.qos import LATCHED
 from stack_counter.types import StackCount, StackVolume
 from stack_counter.views.decoding import stamp_ns
 
@@ -56,8 +55,8 @@ class ReportService:
             return
         for _ in range(keys.index(key) + 1):  # counts come in the order of their volumes
             *_, volume = self._waiting.popleft()
-        count = from_stack_count(message, StackVolumeMsg())
-        self._last, self._written = (message.scan_id, replace(count, volume=volume)), None
+        self._last = message.scan_id, from_stack_count(message, volume)
+        self._written = None
 
     def _write(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:

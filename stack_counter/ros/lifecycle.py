@@ -21,22 +21,15 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
 from stack_counter.config import NAMESPACE, Section, build
 from stack_counter.errors import StackCounterError
 from stack_counter.ros.diagnostics import ERROR, OK, memory_mb, to_array, worst
+from stack_counter.ros.qos import DIAGNOSTICS
 
-# Reliable everywhere: best effort loses images even on one machine. Latched topics give their
-# last messages to whoever subscribes later; deep enough that a running result of the continuous
-# mode is not overwritten before it is delivered.
-RELIABLE = QoSProfile(depth=100, history=HistoryPolicy.KEEP_LAST,
-                      reliability=ReliabilityPolicy.RELIABLE)
-LATCHED = QoSProfile(depth=20, history=HistoryPolicy.KEEP_LAST,
-                     reliability=ReliabilityPolicy.RELIABLE,
-                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _DIAGNOSE_S = 1.0
 
 
@@ -60,7 +53,7 @@ class ManagedNode(LifecycleNode, Generic[Section]):
             ParameterDescriptor(description="configure and activate at start")).value
         self.add_on_set_parameters_callback(self._on_parameters)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics",
-                                                  QoSProfile(depth=10))
+                                                  DIAGNOSTICS)
         self.create_timer(_DIAGNOSE_S, self._diagnose, clock=self.steady)
 
     def read_config(self) -> Section:

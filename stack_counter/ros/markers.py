@@ -15,8 +15,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from stack_counter.display.mesh_colors import display_colors
 from stack_counter.display.mesh_decimation import decimated
 from stack_counter.display.wireframes import box_lines, container_lines, frustum_lines
-from stack_counter.ros.from_msg import from_container, from_height_map
-from stack_counter.ros.to_msg import to_bytes
+from stack_counter.ros.conversions import from_container, from_height_map
+from stack_counter.ros.standard_messages import to_bytes
 from stack_counter.types import Mesh, StackVolume, View
 
 # A triangle takes 120 bytes (three points of 24, three colours of 16): 2.4 MB. The cloud has all.
@@ -84,7 +84,7 @@ def surface_points(mesh: Mesh | None, header: Header) -> PointCloud2:
         points["rgb"] = display_colors(mesh).astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1],
                                                                           np.uint32)
     fields = [PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
-              for i, name in enumerate(_POINT.names)]
+              for i, name in enumerate(("x", "y", "z", "rgb"))]
     return PointCloud2(header=header, height=1, width=len(points), fields=fields,
                        point_step=_POINT.itemsize, row_step=points.nbytes, is_dense=True,
                        data=to_bytes(points.view(np.uint8)))

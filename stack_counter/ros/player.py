@@ -15,7 +15,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from stack_counter_msgs.msg import ScanStatus, StackCount, StackVolume
 from stack_counter_msgs.srv import StartScan, StopScan
 from std_srvs.srv import Trigger
@@ -24,8 +24,9 @@ from stack_counter.bag.reader import BagReader, fit_rig, listened
 from stack_counter.bag.replay import Replayed, count_entry, no_count
 from stack_counter.config import NAMESPACE, Config
 from stack_counter.counting import flagged
-from stack_counter.ros.from_msg import from_stack_count, from_tally
+from stack_counter.ros.conversions import from_stack_count, from_stack_volume, from_tally
 from stack_counter.ros.processes import NodeError, NodeProcesses, private_environment
+from stack_counter.ros.qos import LATCHED_ALL
 from stack_counter.views.rig import RigAssembler, load_rig
 
 _AHEAD = 4  # images played that have not yet been processed
@@ -34,7 +35,6 @@ _STALL_S = 30.0  # no image processed for so long: a node hangs
 _PATIENT_S = 20.0  # how long the collector waits for a pose that the bag may still hold
 _COUNT_WITHIN_S = 900.0  # of the last image: SAM 2 takes seconds a view without a GPU
 _SETTLE_S = 3.0  # last images wait so long for depth or TF that may still come
-_TRANSIENT = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Player(Node):
@@ -64,12 +64,12 @@ class Player(Node):
         self._publishers_of: dict[str, Publisher] = {
             topic: self.create_publisher(
                 message_type(kind), topic,
-                _TRANSIENT if topic == "/tf_static" else QoSProfile(depth=1000 if topic == "/tf"
+                LATCHED_ALL if topic == "/tf_static" else QoSProfile(depth=1000 if topic == "/tf"
                                                                     else 50))
             for topic, kind in topics.items()}
         self.create_subscription(ScanStatus, "scan_status", self._on_status, QoSProfile(depth=500))
-        self.create_subscription(StackVolume, "volume", self._on_volume, _TRANSIENT)
-        self.create_subscription(StackCount, "count", self._on_count, _TRANSIENT)
+        self.create_subscription(StackVolume, "volume", self._on_volume, LATCHED_ALL)
+        self.create_subscription(StackCount, "count", self._on_count, LATCHED_ALL)
         self._start = self.create_client(StartScan, "start_scan")
         self._stop = self.create_client(StopScan, "stop_scan")
         self._reset = self.create_client(Trigger, "reset")
@@ -257,15 +257,15 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
         spinner.join()
     if message.error:
         raise no_count(message.error, from_tally(message.views), [])
-    count = from_stack_count(message, player.volume)
+    count = from_stack_count(message, from_stack_volume(player.volume))
     if reader.truncated:
         count = flagged(count, "bag_truncated")
     seconds = {"load": loaded - begin, "read": played - loaded,
                "total": time.perf_counter() - begin}
     errors = tuple(m.error for m in player.counts if m.error)
     by_stamp = {c.volume.stamp_ns: count_entry(c) for c in
-                (from_stack_count(m, StackVolume(header=m.header,
-                                                 missing_cameras=m.missing_cameras))
+                (from_stack_count(m, from_stack_volume(StackVolume(
+                    header=m.header, missing_cameras=m.missing_cameras)))
                  for m in player.counts if not m.error)}
     return Replayed(replace(count, seconds={**count.seconds, **seconds}),
                     list(by_stamp.values()) if config.reconstructor.live or cycles else [],

@@ -19,7 +19,6 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from stack_counter_msgs.msg import ScanStatus, StackCount
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -27,7 +26,7 @@ from std_srvs.srv import Trigger
 from stack_counter.config import NAMESPACE
 from stack_counter.files import config_path
 from stack_counter.ros.diagnostics import ERROR, OK, to_array
-from stack_counter.ros.lifecycle import LATCHED, RELIABLE
+from stack_counter.ros.qos import DIAGNOSTICS, LATCHED, RELIABLE
 
 NODES = ("collector", "reconstructor", "counter")
 _STOP_WITHIN_S = 5.0
@@ -90,7 +89,7 @@ class Supervisor(Node):
         self._last_death, self._died_at = "", -_SAID_S
         self._count = self.create_publisher(StackCount, "count", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics",
-                                                  QoSProfile(depth=10))
+                                                  DIAGNOSTICS)
         self.create_subscription(ScanStatus, "scan_status", self._on_status, RELIABLE)
         self.create_subscription(StackCount, "count", self._on_count, LATCHED)
         self._resets = [self.create_client(Trigger, name)

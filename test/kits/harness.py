@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from stack_counter.ros.processes import private_environment
-from stack_counter.ros.to_msg import to_camera_info, to_header, to_image
+from stack_counter.ros.standard_messages import to_camera_info, to_header, to_image
 from stack_counter.types import Intrinsics
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -65,7 +65,7 @@ class Harness:
         """What a node has printed."""
         return (self.folder / f"{name}.log").read_text()
 
-    def listen(self, kind, topic, qos=QoSProfile(depth=300)):
+    def collect_messages(self, kind, topic, qos=QoSProfile(depth=300)):
         """A list that grows by the messages of a topic."""
         messages = []
         self.node.create_subscription(kind, topic, messages.append, qos)
@@ -79,7 +79,7 @@ class Harness:
         self.wait(future.done, f"an answer of {name}")
         return future.result()
 
-    def insist(self, kind, name):
+    def call_until_answered(self, kind, name):
         """Calls a service without arguments until it answers: a request to a server that is just
         being matched can get lost."""
         client = self.node.create_client(kind, name)
@@ -103,11 +103,11 @@ class Harness:
                 assert process.poll() is None, f"a node ended while waiting for {what}"
             tick.wait(0.01)
 
-    def matched(self, *publishers):
+    def wait_for_subscribers(self, *publishers):
         """Waits until every publisher has a subscriber."""
         self.wait(lambda: all(p.get_subscription_count() for p in publishers), "subscribers")
 
-    def heard_by_collector(self, *publishers):
+    def wait_until_collector_receives(self, *publishers):
         """Waits until the collector itself says that it hears these publishers."""
         topics = {p.topic_name for p in publishers}
 
@@ -116,7 +116,7 @@ class Harness:
             self.call(Trigger, "/stack_counter/reset", Trigger.Request())
             return answer.accepted and not topics & set(answer.unmatched_topics)
 
-        self.matched(*publishers)
+        self.wait_for_subscribers(*publishers)
         self.wait(heard, f"the collector to hear {sorted(topics)}")
 
     def close(self):
@@ -142,7 +142,7 @@ class Camera:
         self.tf = ros.node.create_publisher(TFMessage, "/tf", QoSProfile(depth=1000))
         self._pictures = {}
         if heard:
-            ros.heard_by_collector(self.color, self.info, self.tf)
+            ros.wait_until_collector_receives(self.color, self.info, self.tf)
 
     def picture(self, k):
         """A sharp picture of a size."""
@@ -169,7 +169,7 @@ class Camera:
         self.color.publish(image or to_image(self.picture(k), "rgb8", header))
 
 
-class Taker:
+class StandInReconstructor:
     """Plays the reconstructor: takes posed images and says so."""
 
     def __init__(self, ros):
@@ -182,7 +182,7 @@ class Taker:
                                      QoSProfile(depth=100))
         ros.node.create_subscription(ScanStatus, "/stack_counter/scan_status", self._on_status,
                                      QoSProfile(depth=100))
-        ros.matched(self._status)
+        ros.wait_for_subscribers(self._status)
         self._status.publish(ScanStatus(node="reconstructor"))
 
     def _say(self, scan_id, state=ScanStatus.SCANNING):

@@ -23,7 +23,7 @@ from stack_counter_msgs.srv import StartScan, StopScan
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from stack_counter.ros.to_msg import to_camera_info, to_header, to_image, to_pose
+from stack_counter.ros.standard_messages import to_camera_info, to_header, to_image, to_pose
 from stack_counter.sim import read_scenes, record
 
 SPACE = "/stack_counter"
@@ -53,7 +53,7 @@ class Station:
         self.status: dict[str, ScanStatus] = {}
         node.create_subscription(ScanStatus, f"{SPACE}/scan_status",
                                  lambda m: self.status.__setitem__(m.node, m), 100)
-        self.counts = self.ros.listen(StackCount, f"{SPACE}/count", LATCHED)
+        self.counts = self.ros.collect_messages(StackCount, f"{SPACE}/count", LATCHED)
         self.settings = {"counter": {"estimator": estimator}}
         self.of = {name: self.ros.start(name, **self.settings.get(name, {})) for name in NODES}
         self.scans, self.clock = 0, 0
@@ -61,7 +61,7 @@ class Station:
 
     def heard(self) -> None:
         """Waits until the collector hears the camera."""
-        self.ros.heard_by_collector(self.color, self.depth, self.info, self.tf)
+        self.ros.wait_until_collector_receives(self.color, self.depth, self.info, self.tf)
 
     def publish(self, view) -> None:
         """One view, now."""
@@ -128,8 +128,8 @@ class Station:
     def bring_back(self, name: str) -> None:
         """What a supervisor does: starts the node anew and has the others forget the scan."""
         self.of[name] = self.ros.start(name, **self.settings.get(name, {}))
-        self.ros.insist(Trigger, f"{SPACE}/reset_reconstruction")
-        self.ros.insist(Trigger, f"{SPACE}/reset")
+        self.ros.call_until_answered(Trigger, f"{SPACE}/reset_reconstruction")
+        self.ros.call_until_answered(Trigger, f"{SPACE}/reset")
         self.heard()
         self.ros.wait(lambda: self.ros.node.count_subscribers(f"{SPACE}/volume") >= 1,
                       "a counter")

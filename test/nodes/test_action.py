@@ -33,7 +33,7 @@ def cell(ros):
                   for t in listened(RigAssembler(load_rig(config))) if t in reader.topics}
     client = ActionClient(ros.node, CountStack, "/stack_counter/count_stack")
     assert client.wait_for_server(60)
-    ros.heard_by_collector(*publishers.values())
+    ros.wait_until_collector_receives(*publishers.values())
 
     def play(pause_s=0.1):
         for record in reader.records(set(publishers)):
@@ -50,7 +50,7 @@ def goal(**fields):
 
 def test_scan_with_verdict_then_rejection_and_cancel(ros, cell):
     client, play = cell
-    feedback, states = [], ros.listen(ScanStatus, "/stack_counter/scan_status")
+    feedback, states = [], ros.collect_messages(ScanStatus, "/stack_counter/scan_status")
     sent = client.send_goal_async(goal(max_views=12, expected_count=5000, tolerance=10),
                                   feedback_callback=lambda m: feedback.append(m.feedback))
     ros.wait(sent.done, "the goal's acceptance")
@@ -103,7 +103,7 @@ def test_the_same_by_services_and_what_a_goal_is_refused_for(ros, cell):
         refused = ask(**fields)
         assert not refused.accepted and why in refused.message
     assert not state().success
-    states = ros.listen(ScanStatus, "/stack_counter/scan_status")
+    states = ros.collect_messages(ScanStatus, "/stack_counter/scan_status")
     assert ask(max_views=12, expected_count=200, tolerance=300).accepted
     assert "another count" in ask().message
     assert state().running

@@ -13,11 +13,11 @@ SPACE = "/stack_counter"
 
 def test_poses_are_interpolated_and_skips_are_counted(ros):
     ros.start("collector", depth_topic="''", tf_timeout_s=0.5)
-    images = ros.listen(PosedImage, f"{SPACE}/posed_images")
+    images = ros.collect_messages(PosedImage, f"{SPACE}/posed_images")
     greet = ros.node.create_publisher(ScanStatus, f"{SPACE}/scan_status", QoSProfile(depth=10))
-    ros.matched(greet)
+    ros.wait_for_subscribers(greet)
     ros.wait(lambda: ros.node.count_publishers(f"{SPACE}/posed_images"), "the collector's topic")
-    states = ros.listen(ScanStatus, f"{SPACE}/scan_status")
+    states = ros.collect_messages(ScanStatus, f"{SPACE}/scan_status")
     publish = Camera(ros)
     greet.publish(ScanStatus(node="reconstructor"))
     answer = ros.call(StartScan, f"{SPACE}/start_scan",
@@ -50,7 +50,7 @@ def test_no_image_is_lost_at_1280x720(ros):
     ros.node.create_subscription(PosedImage, f"{SPACE}/posed_images", on_image,
                                  QoSProfile(depth=100))
     publish = Camera(ros, Intrinsics(1280, 720, 900.0, 900.0, 639.5, 359.5))
-    ros.matched(status)
+    ros.wait_for_subscribers(status)
     status.publish(ScanStatus(node="reconstructor"))
     ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(scan_id="b"))
     for i in range(200):
@@ -66,13 +66,13 @@ def test_a_configured_part_has_the_v_of_the_catalogue(ros, tmp_path):
     save_part(Part(2e-6, "nut"), catalogue)
     ros.start("collector", depth_topic="''", mode="continuous", part="nut",
               part_catalogue=catalogue)
-    images = ros.listen(PosedImage, f"{SPACE}/posed_images")
+    images = ros.collect_messages(PosedImage, f"{SPACE}/posed_images")
     greet = ros.node.create_publisher(ScanStatus, f"{SPACE}/scan_status", QoSProfile(depth=10))
-    ros.matched(greet)
+    ros.wait_for_subscribers(greet)
     ros.wait(lambda: ros.node.count_publishers(f"{SPACE}/posed_images"), "the collector's topic")
     publish = Camera(ros, heard=False)  # which would start a scan of no part
     for publisher in (publish.color, publish.info, publish.tf):
-        ros.matched(publisher)
+        ros.wait_for_subscribers(publisher)
     greet.publish(ScanStatus(node="reconstructor"))
     number = iter(range(1000))
     ros.wait(lambda: images or publish(next(number)), "an image")

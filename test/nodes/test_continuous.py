@@ -10,7 +10,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from stack_counter_msgs.msg import StackCount
 from tf2_msgs.msg import TFMessage
 
-from stack_counter.ros.to_msg import to_camera_info, to_header, to_image, to_pose
+from stack_counter.ros.standard_messages import to_camera_info, to_header, to_image, to_pose
 from stack_counter.sim import read_scenes, record_fixed_camera, remove_parts
 
 UNSEEN = Path(__file__).parents[2] / "data" / "unseen"
@@ -44,8 +44,8 @@ def test_a_count_after_every_pick_without_asking(ros):
     ros.start("collector", mode="continuous", unit_volume_m3=scene.truth.unit_volume)
     ros.start("reconstructor", live=True)
     ros.start("counter", estimator="depth_corrected")
-    counts = ros.listen(StackCount, "/stack_counter/count", LATCHED)
-    ros.matched(color, depth, info, static)
+    counts = ros.collect_messages(StackCount, "/stack_counter/count", LATCHED)
+    ros.wait_for_subscribers(color, depth, info, static)
     for view in views:
         header = to_header(view.stamp_ns, view.camera)
         info.publish(to_camera_info(view.intrinsics, header))

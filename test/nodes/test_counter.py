@@ -30,8 +30,8 @@ print(got[0].scan_id, got[0].count)
 def counter(ros):
     ros.start("counter", estimator="prior")
     volumes = ros.node.create_publisher(StackVolume, f"{SPACE}/volume", LATCHED)
-    counts = ros.listen(StackCount, f"{SPACE}/count", LATCHED)
-    ros.matched(volumes)
+    counts = ros.collect_messages(StackCount, f"{SPACE}/count", LATCHED)
+    ros.wait_for_subscribers(volumes)
 
     def count(**fields):
         volumes.publish(StackVolume(final=True, **fields))
@@ -61,7 +61,7 @@ def test_refusals_are_said_and_the_next_scan_counts(counter):
 
 
 def test_the_count_stands_above_the_rim_as_text_and_an_error_does_too(ros, counter):
-    shown = ros.listen(MarkerArray, f"{SPACE}/count_marker", LATCHED)
+    shown = ros.collect_messages(MarkerArray, f"{SPACE}/count_marker", LATCHED)
     box = Container(kind="box")
     box.pose.position.x, box.pose.position.z = 0.5, 0.2
     box.outer_size.x, box.outer_size.y, box.outer_size.z = 0.3, 0.2, 0.1

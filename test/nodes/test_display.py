@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stack_counter.nodes.display import Display
-from stack_counter.ros.to_msg import to_header
+from stack_counter.ros.standard_messages import to_header
 from stack_counter.types import Container, Mesh, StackVolume, ViewTally
 
 HEADER = to_header(5, "cell")

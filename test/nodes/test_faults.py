@@ -6,14 +6,14 @@ import signal
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from kits.harness import FRAME, Camera, Taker
+from kits.harness import FRAME, Camera, StandInReconstructor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 from stack_counter_msgs.msg import ScanStatus
 from stack_counter_msgs.srv import StartScan, StopScan
 from tf2_msgs.msg import TFMessage
 
-from stack_counter.ros.to_msg import to_header, to_image
+from stack_counter.ros.standard_messages import to_header, to_image
 from stack_counter.types import Intrinsics
 
 SPACE = "/stack_counter"
@@ -26,8 +26,8 @@ class Cell:
     def __init__(self, ros, **settings):
         self.ros = ros
         self.process = ros.start("collector", depth_topic="''", **settings)
-        self.states = ros.listen(ScanStatus, f"{SPACE}/scan_status")
-        self.diagnostics = ros.listen(DiagnosticArray, "/diagnostics")
+        self.states = ros.collect_messages(ScanStatus, f"{SPACE}/scan_status")
+        self.diagnostics = ros.collect_messages(DiagnosticArray, "/diagnostics")
 
     def start(self, scan_id):
         answer = self.ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(
@@ -72,14 +72,14 @@ def test_a_flood_of_large_images_is_bounded_and_counted(ros):
     ros.wait(lambda: cell.status().values, "diagnostics")
     assert float({v.key: v.value for v in cell.status().values}["memory MB"]) < 2000
     cell.stop()
-    taker = Taker(ros)
+    taker = StandInReconstructor(ros)
     ros.wait(lambda: len(taker.images) == kept, "the views that were kept")
     cell.counts_again(camera, taker)
 
 
 def test_a_camera_that_stops_is_named(ros):
     cell = Cell(ros)
-    camera, taker = Camera(ros), Taker(ros)
+    camera, taker = Camera(ros), StandInReconstructor(ros)
     cell.start("silent")
     camera(0)
     ros.wait(lambda: cell.status().level == DiagnosticStatus.WARN, "a warning")
@@ -90,7 +90,7 @@ def test_a_camera_that_stops_is_named(ros):
 
 def test_another_resolution_in_mid_scan(ros):
     cell = Cell(ros)
-    camera, taker = Camera(ros), Taker(ros)
+    camera, taker = Camera(ros), StandInReconstructor(ros)
     cell.start("sizes")
     camera(0)
     camera(1, k=HD)
@@ -105,7 +105,7 @@ def test_another_resolution_in_mid_scan(ros):
 
 def test_tf_that_comes_late_stops_or_jumps(ros):
     cell = Cell(ros, tf_timeout_s=4.0)
-    camera, taker = Camera(ros), Taker(ros)
+    camera, taker = Camera(ros), StandInReconstructor(ros)
     cell.start("tf")
     camera(0, with_tf=False)
     ros.wait(lambda: cell.status().values, "a second")
@@ -124,7 +124,7 @@ def test_tf_that_comes_late_stops_or_jumps(ros):
 
 def test_a_clock_that_jumps_back(ros):
     cell = Cell(ros)
-    camera, taker = Camera(ros), Taker(ros)
+    camera, taker = Camera(ros), StandInReconstructor(ros)
     cell.start("loop")
     for turn in range(2):
         for i in range(100, 105):
@@ -156,7 +156,7 @@ def bad_images():
 
 def test_malformed_messages_are_skipped_and_the_node_stays_up(ros):
     cell = Cell(ros)
-    camera, taker = Camera(ros), Taker(ros)
+    camera, taker = Camera(ros), StandInReconstructor(ros)
     cell.start("bad")
     for i, bad in enumerate(bad_images()):
         bad.header = to_header((i + 1) * 10**9, FRAME)

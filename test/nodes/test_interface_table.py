@@ -55,7 +55,7 @@ def test_the_table_is_what_the_nodes_have(ros):
 @pytest.mark.parametrize("name", SETTINGS)
 def test_states_and_parameters(ros, name):
     ros.start(name, **({"estimator": "prior"} if name == "counter" else {}))
-    said = ros.listen(DiagnosticArray, "/diagnostics")
+    said = ros.collect_messages(DiagnosticArray, "/diagnostics")
 
     def state():
         return ros.call(GetState, f"{SPACE}/{name}/get_state", GetState.Request()).current_state.id

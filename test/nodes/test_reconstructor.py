@@ -15,7 +15,7 @@ from stack_counter_msgs.msg import PosedImage, ScanStatus, StackCount, StackVolu
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from stack_counter.ros.to_msg import to_posed_image
+from stack_counter.ros.conversions import to_posed_image
 
 SPACE = "/stack_counter"
 
@@ -25,8 +25,8 @@ def reconstructor(ros, tmp_path):
     ros.start("reconstructor", report_folder=tmp_path / "reports")
     images = ros.node.create_publisher(PosedImage, f"{SPACE}/posed_images", QoSProfile(depth=100))
     status = ros.node.create_publisher(ScanStatus, f"{SPACE}/scan_status", QoSProfile(depth=100))
-    ros.matched(images, status)
-    volumes = ros.listen(StackVolume, f"{SPACE}/volume", LATCHED)
+    ros.wait_for_subscribers(images, status)
+    volumes = ros.collect_messages(StackVolume, f"{SPACE}/volume", LATCHED)
 
     def scan(views, name, announced=None):
         done = len(volumes)
@@ -71,8 +71,8 @@ def test_too_few_views_say_so_and_lost_ones_are_named(reconstructor):
 def test_what_is_shown_is_latched_and_goes_with_the_next_scan(ros, reconstructor):
     views = Scene().bin((0.2, 0.15, 0.1), 0.005, 0.005, 0.05).views(6)
     volume = reconstructor(views, "bin")
-    shown = ros.listen(MarkerArray, f"{SPACE}/markers", LATCHED)
-    clouds = ros.listen(PointCloud2, f"{SPACE}/surface", LATCHED)
+    shown = ros.collect_messages(MarkerArray, f"{SPACE}/markers", LATCHED)
+    clouds = ros.collect_messages(PointCloud2, f"{SPACE}/surface", LATCHED)
     ros.wait(lambda: shown and clouds, "what was published before")
     first, *markers = shown[0].markers
     assert first.action == Marker.DELETEALL

@@ -9,7 +9,7 @@ from stack_counter_msgs.msg import StackCount
 from std_srvs.srv import Trigger
 
 from stack_counter.nodes.report_service import ReportService, new_folder
-from stack_counter.ros.to_msg import to_header
+from stack_counter.ros.standard_messages import to_header
 from stack_counter.types import Container, Mesh, StackVolume, ViewTally
 
 STAMP = 1_700_000_000_123_456_789  # 2023-11-14, 22:13:20

@@ -34,9 +34,9 @@ def test_a_node_that_is_killed_comes_back_and_its_scan_is_reported_lost(ros, tmp
                             str(settings)], stdout=log, stderr=subprocess.STDOUT,
                            env={**os.environ, **ros.environment})
     ros.processes.append(run)
-    counts = ros.listen(StackCount, f"{SPACE}/count", LATCHED)
-    states = ros.listen(ScanStatus, f"{SPACE}/scan_status")
-    said = ros.listen(DiagnosticArray, "/diagnostics")
+    counts = ros.collect_messages(StackCount, f"{SPACE}/count", LATCHED)
+    states = ros.collect_messages(ScanStatus, f"{SPACE}/scan_status")
+    said = ros.collect_messages(DiagnosticArray, "/diagnostics")
 
     def greeted():
         return any(s.node == "reconstructor" for s in states)

@@ -49,14 +49,14 @@ class Cell:
 
     def __init__(self, ros, folder, records, topics):
         self.ros, self.folder, self.records = ros, folder, records
-        self.states = ros.listen(ScanStatus, f"{SPACE}/scan_status")
+        self.states = ros.collect_messages(ScanStatus, f"{SPACE}/scan_status")
         self.publishers = {topic: ros.node.create_publisher(
             message_type(kind), topic, LATCHED if topic == "/tf_static" else RELIABLE)
             for topic, (kind, _) in topics.items()}
 
     def collect(self):
         process = self.ros.start("collector", record_folder=self.folder, tf_timeout_s=20.0)
-        self.ros.heard_by_collector(*self.publishers.values())
+        self.ros.wait_until_collector_receives(*self.publishers.values())
         return process
 
     def play(self, *topics, views=range(7)):
@@ -98,7 +98,7 @@ def test_each_scan_replays_to_the_count_that_the_nodes_gave(cell, ros, tmp_path,
     cell.collect()
     ros.start("reconstructor")
     ros.start("counter", estimator="depth_corrected")
-    counts = ros.listen(StackCount, f"{SPACE}/count", LATCHED)
+    counts = ros.collect_messages(StackCount, f"{SPACE}/count", LATCHED)
     ros.wait(lambda: any(s.node == "reconstructor" for s in cell.states), "the reconstructor")
     ros.wait(lambda: ros.node.count_subscribers(f"{SPACE}/volume"), "the counter")
     cell.play("/tf_static", "/camera/color/camera_info", views=[0, 1])  # once and for all
@@ -179,7 +179,7 @@ def test_what_ends_a_scan_finishes_its_file(cell, ros):
     for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
         request = ChangeState.Request(transition=Transition(id=transition))
         assert ros.call(ChangeState, f"{SPACE}/collector/change_state", request).success
-    ros.heard_by_collector(*cell.publishers.values())
+    ros.wait_until_collector_receives(*cell.publishers.values())
     cell.start("end")
     cell.play()
     cell.seen(6, "end")
@@ -197,9 +197,9 @@ def test_what_ends_a_scan_finishes_its_file(cell, ros):
 
 def test_a_full_disk_costs_the_scan_nothing(cell, ros):
     process = cell.collect()
-    images = ros.listen(PosedImage, f"{SPACE}/posed_images")
+    images = ros.collect_messages(PosedImage, f"{SPACE}/posed_images")
     greet = ros.node.create_publisher(ScanStatus, f"{SPACE}/scan_status", RELIABLE)
-    ros.matched(greet)
+    ros.wait_for_subscribers(greet)
     greet.publish(ScanStatus(node="reconstructor"))
     before = resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (4000, -1))
     cell.start("full")

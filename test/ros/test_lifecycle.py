@@ -11,7 +11,8 @@ ENDS_UNDER_A_CALLBACK = """
 import rclpy
 from std_msgs.msg import Header
 from stack_counter.config import CounterConfig
-from stack_counter.ros.lifecycle import RELIABLE, ManagedNode, run
+from stack_counter.ros.lifecycle import ManagedNode, run
+from stack_counter.ros.qos import RELIABLE
 
 class Late(ManagedNode):
     def __init__(self):

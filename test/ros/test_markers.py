@@ -10,6 +10,7 @@ from stack_counter_msgs.msg import PosedImage, StackCount
 from visualization_msgs.msg import Marker
 
 from stack_counter import geometry
+from stack_counter.ros.conversions import to_stack_volume
 from stack_counter.ros.markers import (
     count_markers,
     count_text,
@@ -18,7 +19,7 @@ from stack_counter.ros.markers import (
     surface_points,
     text_place,
 )
-from stack_counter.ros.to_msg import to_header, to_stack_volume
+from stack_counter.ros.standard_messages import to_header
 from stack_counter.types import (
     Container,
     HeightMap,

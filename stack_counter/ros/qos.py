@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Quality of service of every topic of the three nodes."""
+
+from __future__ import annotations
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+# Reliable everywhere: best effort loses images even on one machine.
+RELIABLE = QoSProfile(depth=100, history=HistoryPolicy.KEEP_LAST,
+                      reliability=ReliabilityPolicy.RELIABLE)
+# Latched topics give their last messages to whoever subscribes later. Deep enough that a running
+# result of the continuous mode is not overwritten before it is delivered.
+LATCHED = QoSProfile(depth=20, history=HistoryPolicy.KEEP_LAST,
+                     reliability=ReliabilityPolicy.RELIABLE,
+                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Latched, but the last one only: what is shown takes some MB and replaces what was shown before.
+LATCHED_NEWEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# For readers of a latched topic that must not lose any message of it, in live mode as well.
+LATCHED_ALL = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+DIAGNOSTICS = QoSProfile(depth=10)
