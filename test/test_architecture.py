@@ -140,7 +140,7 @@ def test_imports_are_allowed(path):
     ("nodes/counter.py", "from stack_counter.sim import record"),
     ("sim/report.py", "import stack_counter.train.gamma"),
     ("sim/report.py", "from stack_counter import eval"),
-    ("train/gamma.py", "from stack_counter.sim.physics.drop import drop"),
+    ("train/gamma.py", "from stack_counter.sim.physics.drop import simulate_pile"),
     ("train/gamma.py", "from stack_counter.sim import dataset"),
     ("train/gamma.py", "from stack_counter import teaching"),
     ("eval/count.py", "from stack_counter.cli import main"),

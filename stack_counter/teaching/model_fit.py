@@ -52,7 +52,7 @@ def left_out_error(piles: Sequence[PileScan], seen: str) -> float:
     for left in usual:
         model = _fitted([p for p in usual if p is not left], seen)
         misses.append(left.reading.log_gamma_counted
-                      - model.believe(replace(left.reading, true=np.nan)).mean)
+                      - model.believe(replace(left.reading, log_gamma_counted=np.nan)).mean)
     return float(np.mean(np.square(misses)))
 
 
@@ -79,7 +79,7 @@ def _fitted(piles: Sequence[PileScan], seen: str) -> GammaModel:
 
 def _score(model: GammaModel, pile: PileScan) -> float:
     """The error of a pile that the model has not seen, in its standard deviations."""
-    belief = model.believe(replace(pile.reading, true=np.nan))
+    belief = model.believe(replace(pile.reading, log_gamma_counted=np.nan))
     return float(
         (pile.reading.log_gamma_counted - belief.mean) / np.hypot(belief.std, pile.volume_std)
     )

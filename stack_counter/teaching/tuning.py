@@ -85,5 +85,5 @@ def _left_out(z: np.ndarray, misses: np.ndarray, penalty: float) -> np.ndarray:
 def _shifted(seen: PileScan | None, weight: np.ndarray, bias: float) -> PileScan | None:
     if seen is None or seen.hidden is None:
         return None
-    said = seen.reading.log_gamma_estimated + float(seen.hidden.ravel() @ weight) + bias
-    return replace(seen, reading=replace(seen.reading, said=said))
+    shifted = seen.reading.log_gamma_estimated + float(seen.hidden.ravel() @ weight) + bias
+    return replace(seen, reading=replace(seen.reading, log_gamma_estimated=shifted))

@@ -15,8 +15,9 @@ def with_hidden(misses_of, size=12):
     random, out = np.random.default_rng(2), []
     for pile in simulated_readings(60):
         hidden = random.normal(size=(2, size))
-        said = pile.reading.log_gamma_counted - misses_of(random, hidden)
-        seen = replace(pile, hidden=hidden, reading=replace(pile.reading, said=said))
+        estimated = pile.reading.log_gamma_counted - misses_of(random, hidden)
+        seen = replace(pile, hidden=hidden,
+                       reading=replace(pile.reading, log_gamma_estimated=estimated))
         out.append(Pile(seen, None))
     return out
 

@@ -147,11 +147,11 @@ def test_a_failed_try_is_counted_and_made_again(monkeypatch):
             raise SceneError("unsettled: 1.000 part sizes/s; expected below 0.1")
         return "scene"
 
-    monkeypatch.setattr("stack_counter.sim.physics.drop.drop", failing)
+    monkeypatch.setattr("stack_counter.sim.physics.drop.simulate_pile", failing)
     skipped = Counter()
     assert make_scene(0, 0, Recipe(library=(BLOCK,)), skipped) == "scene"
     assert skipped == {"unsettled": 2} and len({plan.count for plan in tries}) > 1
-    monkeypatch.setattr("stack_counter.sim.physics.drop.drop",
+    monkeypatch.setattr("stack_counter.sim.physics.drop.simulate_pile",
                         lambda *_: tries.clear() or failing(*_))
     with pytest.raises(SceneError, match="scene 5 of seed 9 failed 30 times: {'unsettled'"):
         make_scene(9, 5, Recipe(library=(BLOCK,)), Counter())
