@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from stack_counter.errors import ViewError
+from stack_counter.errors import ScanError, ViewError
 from stack_counter.types import UNSEEN, Intrinsics, View
 
 _MODELS = {"": 0, "none": 0, "plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
@@ -97,12 +97,92 @@ def project(points: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, np.
     return np.stack([u, v], axis=-1), z
 
 
-def unproject(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
-    """(h, w, 3) float32 optical-frame points, metres, of an (h, w) depth image in metres."""
-    v, u = np.mgrid[:depth.shape[0], :depth.shape[1]].astype(np.float32)
-    x = (u - np.float32(intrinsics.cx)) / np.float32(intrinsics.fx)
-    y = (v - np.float32(intrinsics.cy)) / np.float32(intrinsics.fy)
-    return np.stack([x * depth, y * depth, depth], axis=-1)
+@dataclass(frozen=True, eq=False)
+class ProjectedPoints:
+    """Where n points of the world fall in a view's image; m of them fall inside it.
+
+    Attributes:
+        inside: (n,) bool, the points in front of the camera whose nearest pixel exists.
+        rows, cols: (m,) int64 nearest pixels of the points inside, in their order.
+        depth: (m,) metres along the optical axis, of the points inside.
+    """
+
+    inside: np.ndarray
+    rows: np.ndarray
+    cols: np.ndarray
+    depth: np.ndarray
+
+
+def project_into(view: View, points: np.ndarray, dtype: type[np.floating] = np.float64
+                 ) -> ProjectedPoints:
+    """The pixels of a pinhole view that (n, 3) world points, metres, fall into.
+
+    Args:
+        view: whose pose and calibration are used; its images are not.
+        points: world frame, metres.
+        dtype: of the pose; float32 with float32 points takes half the time.
+    """
+    k = view.intrinsics
+    T_camera_world = inverse(view.T_world_camera).astype(dtype)
+    pixels, z = project(apply(T_camera_world, points), k)
+    x, y = pixels[:, 0], pixels[:, 1]
+    inside = (z > 0) & (x > -0.5) & (x < k.width - 0.5) & (y > -0.5) & (y < k.height - 0.5)
+    cols, rows = np.round(pixels[inside]).astype(int).T
+    return ProjectedPoints(inside, rows, cols, z[inside])
+
+
+def pixel_rays(intrinsics: Intrinsics, stride: int = 1, dtype: type[np.floating] = np.float32
+               ) -> np.ndarray:
+    """(h, w, 3) optical-frame rays through every `stride`-th pixel, of length 1 along z."""
+    x, y = _ray_slopes(intrinsics, stride, dtype)
+    return np.stack([x, y, np.ones_like(x)], axis=-1)
+
+
+def unproject(depth: np.ndarray, intrinsics: Intrinsics, stride: int = 1) -> np.ndarray:
+    """(h, w, 3) float32 optical-frame points, metres, of every `stride`-th pixel of an (h, w)
+    depth image in metres."""
+    x, y = _ray_slopes(intrinsics, stride, np.float32)
+    z = depth[::stride, ::stride]
+    return np.stack([x * z, y * z, z], axis=-1)
+
+
+def world_points(view: View, stride: int = 1) -> np.ndarray:
+    """(h, w, 3) float32 world points, metres, of every `stride`-th pixel of a view with depth; NaN
+    where depth is invalid.
+
+    Raises:
+        ViewError: reason `no_depth`.
+    """
+    if view.depth is None:
+        raise ViewError("no_depth", "the view has no depth image; expected one")
+    depth = np.where(view.depth > 0, view.depth, np.float32(np.nan))
+    return apply(view.T_world_camera.astype(np.float32),
+                 unproject(depth, view.intrinsics, stride))
+
+
+def _ray_slopes(intrinsics: Intrinsics, stride: int, dtype: type[np.floating]
+                ) -> tuple[np.ndarray, np.ndarray]:
+    """x / z and y / z, (h, w) each, of the rays through every `stride`-th pixel."""
+    k = intrinsics
+    v, u = np.mgrid[:k.height:stride, :k.width:stride].astype(dtype)
+    return (u - dtype(k.cx)) / dtype(k.fx), (v - dtype(k.cy)) / dtype(k.fy)
+
+
+def nearest_point_to_rays(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(3,) point with the least sum of squared distances to n straight lines, metres.
+
+    Args:
+        origins: (n, 3) a point of each line, metres.
+        directions: (n, 3) unit vectors along them.
+
+    Raises:
+        ScanError: the lines are nearly parallel.
+    """
+    across = [np.eye(3) - np.outer(d, d) for d in directions]
+    normal = np.sum(across, axis=0)
+    if np.linalg.cond(normal) > 1e6:
+        raise ScanError("the views look along one direction; expected views from several sides")
+    return np.linalg.solve(normal, np.sum([a @ o for a, o in zip(across, origins)], axis=0))
 
 
 def pose_change(T_a: np.ndarray, T_b: np.ndarray) -> tuple[float, float]:

@@ -23,7 +23,7 @@ from stack_counter.counting import make_count
 from stack_counter.display.mesh_colors import color_mesh
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.fusion.leveling import level_to_support
-from stack_counter.fusion.region import Region, crop_to_region, find_region, grow, world_points
+from stack_counter.fusion.region import Region, crop_to_region, find_region, grow
 from stack_counter.fusion.tsdf import FusedSurface, Tsdf
 from stack_counter.fusion.voxel_size import COARSEST, automatic_voxel_size
 from stack_counter.multiview import visual_hull
@@ -218,7 +218,7 @@ class StackCounter:
         assert view.depth is not None  # for the type checker
         depth = smoothed(view.depth, self._region.noise)
         view = replace(view, depth=depth)
-        surface = self._region.contains(world_points(view))
+        surface = self._region.contains(geometry.world_points(view))
         seen = self._with_background(view)
         if self._config.live and self._surface is not None:
             self._tsdf.forget(self._changed(view, self._surface), seen, view.intrinsics,

@@ -4,7 +4,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stack_counter import geometry
-from stack_counter.errors import ViewError
+from stack_counter.errors import ScanError, ViewError
 from stack_counter.types import UNSEEN, Intrinsics, View
 
 RANDOM = np.random.default_rng(0)
@@ -32,6 +32,54 @@ def test_projection_inverts_unprojection_and_agrees_with_opencv():
     want, _ = cv2.projectPoints(points.reshape(-1, 3).astype(float), np.zeros(3), np.zeros(3),
                                 K.K, None)
     np.testing.assert_allclose(pixels.reshape(-1, 2), want[:, 0], atol=1e-4)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_points_fall_into_the_pixels_that_they_were_made_of(dtype):
+    depth = RANDOM.uniform(0.3, 1.0, (48, 64)).astype(np.float32)
+    depth[5, 7] = 0
+    view = View(0, K, geometry.pose(ROTATIONS[0], np.array([0.1, -0.2, 0.3])), depth=depth)
+    points = geometry.world_points(view).reshape(-1, 3)
+    found = geometry.project_into(view, points, dtype)
+    rows, cols = np.nonzero(depth)
+    np.testing.assert_array_equal(found.inside, depth.ravel() > 0)
+    np.testing.assert_array_equal([found.rows, found.cols], [rows, cols])
+    np.testing.assert_allclose(found.depth, depth[rows, cols], rtol=1e-5)
+
+
+def test_points_behind_and_beside_the_image_are_outside():
+    view = View(0, K, np.eye(4))
+    x = np.array([-31.4, -31.6, 32.4, 32.6]) / 60  # K's columns end at -0.5 and 63.5
+    points = np.concatenate([np.stack([x, 0 * x, 0 * x + 1], 1), [[0, 0, -1.0], [0, 0, 0]]])
+    found = geometry.project_into(view, points)
+    np.testing.assert_array_equal(found.inside, [True, False, True, False, False, False])
+    np.testing.assert_array_equal(found.cols, [0, 63])
+    np.testing.assert_array_equal(found.rows, [24, 24])
+
+
+def test_every_third_pixel_and_its_ray():
+    depth = RANDOM.uniform(0.3, 1.0, (48, 64)).astype(np.float32)
+    view = View(0, K, geometry.pose(ROTATIONS[1], np.ones(3)), depth=depth)
+    np.testing.assert_array_equal(geometry.world_points(view, 3),
+                                  geometry.world_points(view)[::3, ::3])
+    rays = geometry.pixel_rays(K, 3, np.float64)
+    np.testing.assert_allclose(rays * depth[::3, ::3, None], geometry.unproject(depth, K, 3),
+                               atol=1e-6)
+    with pytest.raises(ViewError, match="no_depth"):
+        geometry.world_points(View(0, K, np.eye(4)))
+
+
+def test_rays_through_a_point_meet_in_it():
+    point = np.array([0.3, -0.1, 0.2])
+    origins = RANDOM.normal(size=(6, 3))
+    ways = (point - origins) / np.linalg.norm(point - origins, axis=1)[:, None]
+    np.testing.assert_allclose(geometry.nearest_point_to_rays(origins, ways), point, atol=1e-12)
+    # Two skew lines: the middle of their common perpendicular.
+    across = geometry.nearest_point_to_rays(np.array([[0, 0, 0], [0, 0, 2.0]]),
+                                            np.array([[1.0, 0, 0], [0, 1, 0]]))
+    np.testing.assert_allclose(across, [0, 0, 1], atol=1e-12)
+    with pytest.raises(ScanError, match="several sides"):
+        geometry.nearest_point_to_rays(origins, np.tile([0, 0, 1.0], (6, 1)))
 
 
 def test_look_at_puts_the_target_on_the_axis_and_up_upwards():

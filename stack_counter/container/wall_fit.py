@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from stack_counter import geometry
 from stack_counter.container.wall_shapes import WallShape
-from stack_counter.fusion.region import Region, world_points
+from stack_counter.fusion.region import Region
 from stack_counter.types import View
 
 _MOST_VIEWS = 24  # looked at, evenly spread over the scan
@@ -75,7 +76,7 @@ def face_points(views: list[View], region: Region, form: WallShape, height: floa
     found = []
     chosen = np.unique(np.linspace(0, len(views) - 1, _MOST_VIEWS).round().astype(int))
     for view in (views[i] for i in chosen):
-        points = world_points(view).reshape(-1, 3)
+        points = geometry.world_points(view).reshape(-1, 3)
         z = points[:, 2] - region.plane_z
         points = points[region.contains(points) & (z > _FOOT) & (z < height - _EDGE)]
         below = height - (points[:, 2] - region.plane_z)

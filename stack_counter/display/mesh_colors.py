@@ -33,16 +33,12 @@ def color_mesh(mesh: Mesh, views: list[View]) -> Mesh:
         return mesh
     total, seen = np.zeros((len(mesh.vertices), 3)), np.zeros(len(mesh.vertices))
     for i in np.unique(np.linspace(0, len(views) - 1, _MOST_VIEWS).round().astype(int)):
-        view, k = views[i], views[i].intrinsics
+        view = views[i]
         assert view.color is not None and view.depth is not None  # chosen above
-        local = geometry.apply(geometry.inverse(view.T_world_camera), mesh.vertices)
-        pixels, z = geometry.project(local, k)
-        inside = (z > 0) & np.all((pixels > -0.5) & (pixels < [k.width - 0.5, k.height - 0.5]), 1)
-        index = np.nonzero(inside)[0]
-        cols, rows = np.round(pixels[index]).astype(int).T
-        shown = np.abs(view.depth[rows, cols] - z[index]) < _CLOSE
-        index, rows, cols = index[shown], rows[shown], cols[shown]
-        total[index] += view.color[rows, cols]
+        pixels = geometry.project_into(view, mesh.vertices)
+        shown = np.abs(view.depth[pixels.rows, pixels.cols] - pixels.depth) < _CLOSE
+        index = np.flatnonzero(pixels.inside)[shown]
+        total[index] += view.color[pixels.rows[shown], pixels.cols[shown]]
         seen[index] += 1
     mean = np.where(seen[:, None] > 0, total / np.maximum(seen, 1)[:, None], _GREY)
     return replace(mesh, colors=mean.round().astype(np.uint8))

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.fusion.region import MARGIN, Region, world_points
+from stack_counter.fusion.region import MARGIN, Region
 from stack_counter.types import View
 
 _STRIDE = 3  # pixels between the points looked at
@@ -32,7 +32,7 @@ def level_to_support(view: View, region: Region) -> View:
         view: with depth.
         region: with the plane's height.
     """
-    points = world_points(view, _STRIDE).reshape(-1, 3).astype(float)
+    points = geometry.world_points(view, _STRIDE).reshape(-1, 3).astype(float)
     xy = points[:, :2]
     beyond = np.maximum(region.low[:2] - xy, xy - region.high[:2]).max(axis=1)
     # Around what stands there alone: a bin's own floor is level too, and higher.

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
-from stack_counter.errors import ScanError, ViewError
+from stack_counter.errors import ScanError
 from stack_counter.types import View
 
 _CELL = 0.005  # side of a cell of the map in which blobs are told apart, m
@@ -54,23 +54,6 @@ class Region:
                        high=np.maximum(self.high, other.high))
 
 
-def world_points(view: View, stride: int = 1) -> np.ndarray:
-    """(h, w, 3) float32 world points, metres, of a depth view; NaN where depth is invalid.
-
-    Raises:
-        ViewError: reason `no_depth`.
-    """
-    k = view.intrinsics
-    if view.depth is None:
-        raise ViewError("no_depth", "the view has no depth image; expected one")
-    depth = view.depth[::stride, ::stride]
-    v, u = np.mgrid[:k.height:stride, :k.width:stride].astype(np.float32)
-    z = np.where(depth > 0, depth, np.float32(np.nan))
-    points = np.stack([(u - np.float32(k.cx)) / np.float32(k.fx) * z,
-                       (v - np.float32(k.cy)) / np.float32(k.fy) * z, z], axis=-1)
-    return geometry.apply(view.T_world_camera.astype(np.float32), points)
-
-
 def find_region(views: list[View], config: ReconstructorConfig) -> Region:
     """Finds the support plane and the largest thing that stands on it.
 
@@ -85,7 +68,7 @@ def find_region(views: list[View], config: ReconstructorConfig) -> Region:
         ScanError: no plane, or nothing in sight.
     """
     points = np.concatenate([p[np.isfinite(p[:, 2])] for p in
-                             (world_points(v, _STRIDE).reshape(-1, 3) for v in views)])
+                             (geometry.world_points(v, _STRIDE).reshape(-1, 3) for v in views)])
     given = np.any(config.roi_size_m)
     center, size = np.array(config.roi_center_m), np.array(config.roi_size_m)
     if given:
@@ -115,7 +98,7 @@ def find_pieces(views: list[View], config: ReconstructorConfig) -> Region:
     if np.any(config.roi_size_m):
         return region
     points = np.concatenate([p[np.isfinite(p[:, 2])] for p in
-                             (world_points(v, _STRIDE).reshape(-1, 3) for v in views)])
+                             (geometry.world_points(v, _STRIDE).reshape(-1, 3) for v in views)])
     standing = _standing(points, region)
     of_point, counts = _blobs(standing)
     if len(standing):  # what is much smaller than the largest is noise of far ground
@@ -149,7 +132,7 @@ def _around(blob: np.ndarray, region: Region) -> Region:
 
 def grow(region: Region, view: View) -> Region:
     """The region with what this view shows standing across its border taken in."""
-    points = world_points(view, _STRIDE).reshape(-1, 3)
+    points = geometry.world_points(view, _STRIDE).reshape(-1, 3)
     around = replace(region, low=region.low - _GROWTH, high=region.high + _GROWTH)
     blob = largest_blob(_standing(points[around.contains(points)], region))
     if not len(blob) or not region.contains(blob).any():

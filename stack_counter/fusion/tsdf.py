@@ -12,7 +12,7 @@ import open3d.core as o3c
 
 from stack_counter import geometry
 from stack_counter.errors import ViewError
-from stack_counter.types import HeightMap, Intrinsics, Mesh
+from stack_counter.types import HeightMap, Intrinsics, Mesh, View
 
 _CPU = o3c.Device("CPU:0")
 _BLOCK = 8  # voxels along a block's side: small blocks follow the surface closely
@@ -90,14 +90,12 @@ class Tsdf:
         if not len(blocks) or not changed.any():
             return
         points, index = self._grid.voxel_coordinates_and_flattened_indices(blocks)
-        pixels, z = geometry.project(geometry.apply(
-            geometry.inverse(T_world_camera).astype(np.float32), points.numpy()), intrinsics)
-        rows, cols = changed.shape
-        near = (z > 0) & np.all((pixels > -0.5) & (pixels < [cols - 0.5, rows - 0.5]), axis=1)
-        x, y = np.round(pixels[near]).astype(int).T
-        wiped = changed[y, x] & (depth[y, x] - z[near] > -self._trunc_voxels * self.voxel_size)
+        seen = geometry.project_into(View(0, intrinsics, T_world_camera), points.numpy(),
+                                     np.float32)
+        before = depth[seen.rows, seen.cols] - seen.depth
+        wiped = changed[seen.rows, seen.cols] & (before > -self._trunc_voxels * self.voxel_size)
         weights = self._grid.attribute("weight").numpy().reshape(-1)  # shares the memory
-        weights[index.numpy()[np.flatnonzero(near)[wiped]]] = 0
+        weights[index.numpy()[np.flatnonzero(seen.inside)[wiped]]] = 0
 
     def _new_blocks(self, wanted: o3d.t.geometry.Image, K: o3c.Tensor, T_camera_world: o3c.Tensor,
                     settings: tuple[float, float, float]) -> np.ndarray:
@@ -168,12 +166,9 @@ class FusedSurface:
     def depth(self, intrinsics: Intrinsics, T_world_camera: np.ndarray) -> np.ndarray:
         """(h, w) float32 depth along the optical axis that a camera would measure, metres; 0 where
         it sees nothing of the mesh."""
-        k, shape = intrinsics, (intrinsics.height, intrinsics.width)
         if self._empty:
-            return np.zeros(shape, np.float32)
-        v, u = np.mgrid[:shape[0], :shape[1]]
-        ways = np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(shape)], axis=-1) \
-            @ T_world_camera[:3, :3].T  # as long as one metre of depth
+            return np.zeros((intrinsics.height, intrinsics.width), np.float32)
+        ways = geometry.pixel_rays(intrinsics, dtype=np.float64) @ T_world_camera[:3, :3].T
         rays = np.concatenate([np.broadcast_to(T_world_camera[:3, 3], ways.shape), ways], axis=-1)
         hits = self._scene.cast_rays(o3c.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
         return np.where(np.isfinite(hits), hits, 0).astype(np.float32)

@@ -62,8 +62,10 @@ def carve_closed_container(
     voxels, side, shape = _grid(hull, voxel_size, plane_z)
     inside = np.arange(len(voxels))
     for view in views:
-        seen, labels, _ = _looked_up(view, voxels[inside], require_labels(view))
-        inside = inside[~seen | (labels != BACKGROUND)]
+        pixels = geometry.project_into(view, voxels[inside])
+        kept = np.ones(len(inside), bool)
+        kept[pixels.inside] = require_labels(view)[pixels.rows, pixels.cols] != BACKGROUND
+        inside = inside[kept]
     distance, count = _distances(views, voxels[inside], _TRUNC * side)
     stands, measured = np.zeros((2, len(voxels)), bool)
     measured[inside] = count >= _MIN_SEEN
@@ -121,22 +123,11 @@ def _distances(views: list[View], voxels: np.ndarray, trunc: float
     for view in views:
         if view.depth is None:
             raise ViewError("no_depth", "the view has no depth image; expected one")
-        seen, depth, z = _looked_up(view, voxels, view.depth)
-        free = depth - z
-        used = seen & (depth > 0) & (free > -trunc)
-        total += np.where(used, np.clip(free, -trunc, trunc), 0)
-        count += used
+        pixels = geometry.project_into(view, voxels)
+        depth = view.depth[pixels.rows, pixels.cols]
+        free = depth - pixels.depth
+        used = (depth > 0) & (free > -trunc)
+        index = np.flatnonzero(pixels.inside)[used]
+        total[index] += np.clip(free[used], -trunc, trunc)
+        count[index] += 1
     return total / np.maximum(count, 1), count
-
-
-def _looked_up(view: View, points: np.ndarray, image: np.ndarray
-               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """For (n, 3) world points: whether they are in the image, its value there, their depth z."""
-    k = view.intrinsics
-    pixels, z = geometry.project(
-        geometry.apply(geometry.inverse(view.T_world_camera), points), k)
-    seen = (z > 0) & np.all((pixels > -0.5) & (pixels < [k.width - 0.5, k.height - 0.5]), axis=1)
-    values = np.zeros(len(points), image.dtype)
-    x, y = np.round(pixels[seen]).astype(int).T
-    values[seen] = image[y, x]
-    return seen, values, z

@@ -130,17 +130,14 @@ def hull_bounds(view: View, hull: VisualHull) -> tuple[np.ndarray, np.ndarray]:
     """Nearest and farthest depth of the hull at every pixel: (h, w) float32 metres each, 0 where
     the hull is not."""
     k = view.intrinsics
-    pixels, z = geometry.project(
-        geometry.apply(geometry.inverse(view.T_world_camera), hull.surface), k)
+    pixels = geometry.project_into(view, hull.surface)
     near = np.full((k.height, k.width), np.inf, np.float32)
     far = np.zeros((k.height, k.width), np.float32)
-    seen = (z > 0) & np.all((pixels > -0.5) & (pixels < [k.width - 0.5, k.height - 0.5]), axis=1)
-    if not seen.any():
+    if not pixels.inside.any():
         return far, far
-    z = z[seen].astype(np.float32)
-    cols, rows = np.round(pixels[seen]).astype(int).T
-    np.minimum.at(near, (rows, cols), z - hull.voxel_size)
-    np.maximum.at(far, (rows, cols), z + hull.voxel_size)
+    z = pixels.depth.astype(np.float32)
+    np.minimum.at(near, (pixels.rows, pixels.cols), z - hull.voxel_size)
+    np.maximum.at(far, (pixels.rows, pixels.cols), z + hull.voxel_size)
     # Each voxel covers several pixels; a pixel more keeps the surface inside the bounds.
     reach = 1 + int(np.ceil(hull.voxel_size * k.fx / np.median(z)))
     kernel = np.ones((2 * reach + 1,) * 2, np.uint8)
@@ -227,15 +224,12 @@ def _agreed(views: list[View], i: int, angles: np.ndarray, config: StereoConfig)
                             geometry.unproject(depth, views[i].intrinsics)[rows, cols])
     agree, through = np.zeros(len(rows), int), np.zeros(len(rows), int)
     for j in np.nonzero(angles[i] <= 1.5 * config.max_angle)[0]:
-        other, k = views[j].depth, views[j].intrinsics
+        other = views[j].depth
         assert other is not None  # for the type checker
-        pixels, z = geometry.project(
-            geometry.apply(geometry.inverse(views[j].T_world_camera), points), k)
-        inside = (z > 0) & np.all((pixels > -0.5) & (pixels < [k.width - 0.5, k.height - 0.5]),
-                                  axis=1)
-        x, y = np.round(pixels[inside]).astype(int).T
-        behind = np.zeros(len(z))
-        behind[inside] = np.where(other[y, x] > 0, other[y, x] / z[inside] - 1, np.nan)
+        pixels = geometry.project_into(views[j], points)
+        measured, inside = other[pixels.rows, pixels.cols], pixels.inside
+        behind = np.zeros(len(points))
+        behind[inside] = np.where(measured > 0, measured / pixels.depth - 1, np.nan)
         agree += (j != i) & inside & (np.abs(behind) <= config.tolerance)
         through += inside & (behind > 3 * config.tolerance)
     good = (agree >= config.min_agree) & (agree > through)

@@ -63,7 +63,7 @@ def show_support(view: View, plane_z: float) -> View:
     """
     if view.depth is None:
         raise ViewError("no_depth", "the view has no depth image; expected one")
-    rays = geometry.unproject(np.ones_like(view.depth), view.intrinsics)
+    rays = geometry.pixel_rays(view.intrinsics)
     down = -(rays @ view.T_world_camera[2, :3].astype(np.float32))
     meets = (require_labels(view) == BACKGROUND) & (down > 0)
     height = view.T_world_camera[2, 3] - plane_z

@@ -109,12 +109,7 @@ def _common_space(views: list[View]) -> tuple[np.ndarray, float]:
     if not rays:
         raise ScanError(f"all {len(views)} label images are background; expected parts (2) or "
                         "container (1)")
-    # The point closest to all rays, in least squares.
-    across = [np.eye(3) - np.outer(d, d) for _, d in rays]
-    normal = np.sum(across, axis=0)
-    if np.linalg.cond(normal) > 1e6:
-        raise ScanError("the views look along one direction; expected views from several sides")
-    center = np.linalg.solve(normal, np.sum([a @ o for a, (o, _) in zip(across, rays)], axis=0))
+    center = geometry.nearest_point_to_rays(*(np.array(x) for x in zip(*rays)))
     sizes = [s * np.linalg.norm(o - center) for s, (o, _) in zip(spreads, rays)]
     return center, 1.5 * float(np.max(sizes))
 
@@ -131,19 +126,13 @@ def _standing(voxels: np.ndarray, outlines: list[_Outline], radius: float, min_s
     full = np.ones(len(voxels), bool)
     seen_by = np.zeros(len(voxels), np.int32)
     for outline in outlines:
-        k = outline.view.intrinsics
         alive = np.nonzero(stands)[0]
-        pixels, z = geometry.project(geometry.apply(
-            geometry.inverse(outline.view.T_world_camera), voxels[alive]), k)
-        with np.errstate(invalid="ignore"):
-            cells = np.where(np.abs(pixels) < 1e6, np.round(pixels), -1).astype(np.int32)
-        x, y = cells[:, 0], cells[:, 1]
-        seen = (z > 0) & (x >= 0) & (y >= 0) & (x < k.width) & (y < k.height)
-        seen[seen] = outline.known[y[seen], x[seen]]
-        alive, x, y = alive[seen], x[seen], y[seen]
+        pixels = geometry.project_into(outline.view, voxels[alive])
+        known = outline.known[pixels.rows, pixels.cols]
+        alive = alive[pixels.inside][known]
         seen_by[alive] += 1
-        distance = outline.distance[y, x].astype(np.float32)
-        reach = (radius * k.fx / z[seen]).astype(np.float32)
+        distance = outline.distance[pixels.rows[known], pixels.cols[known]].astype(np.float32)
+        reach = (radius * outline.view.intrinsics.fx / pixels.depth[known]).astype(np.float32)
         against[alive[distance > (0 if last else reach)]] += 1
         stands = against < votes
         full[alive[distance > -reach]] = False

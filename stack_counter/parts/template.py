@@ -189,14 +189,9 @@ def _carved(xy: np.ndarray, tall: np.ndarray, T_world_map: np.ndarray, views: li
     points = geometry.apply(T_world_map, points[below])
     empty = np.zeros(len(points), int)
     for view in views:
-        pixels, z = geometry.project(
-            geometry.apply(geometry.inverse(view.T_world_camera), points), view.intrinsics)
         assert view.depth is not None  # as above
-        h, w = view.depth.shape
-        u, v = np.round(pixels).astype(int).T
-        inside = (u >= 0) & (v >= 0) & (u < w) & (v < h) & (z > 0)
-        depth = view.depth[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)]
-        empty += inside & (depth > z + _BEHIND)
+        pixels = geometry.project_into(view, points)
+        empty[pixels.inside] += view.depth[pixels.rows, pixels.cols] > pixels.depth + _BEHIND
     return float(np.count_nonzero(empty < 2))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.container.rim import Rim, find_rim
 from stack_counter.errors import ScanError
-from stack_counter.fusion.region import Region, largest_blob, world_points
+from stack_counter.fusion.region import Region, largest_blob
 from stack_counter.types import HeightMap, View
 
 _STRIDE = 8  # pixels between the points that are compared
@@ -49,16 +49,11 @@ def check_agreement(views: list[View], noise: float) -> None:
 def _gaps(one: View, other: View) -> np.ndarray:
     """(n,) metres that the other view sees behind the points of one, where both have depth."""
     assert other.depth is not None  # for the type checker
-    points = world_points(one, _STRIDE).reshape(-1, 3)
+    points = geometry.world_points(one, _STRIDE).reshape(-1, 3)
     points = points[np.isfinite(points[:, 2])].astype(float)
-    local = geometry.apply(geometry.inverse(other.T_world_camera), points)
-    local = local[local[:, 2] > 0.01]
-    pixels, z = geometry.project(local, other.intrinsics)
-    cells = np.round(pixels).astype(int)
-    k = other.intrinsics
-    inside = np.all((cells >= 0) & (cells < [k.width, k.height]), axis=1)
-    seen = other.depth[cells[inside, 1], cells[inside, 0]]
-    return (seen - z[inside])[seen > 0]
+    pixels = geometry.project_into(other, points)
+    measured = other.depth[pixels.rows, pixels.cols]
+    return (measured - pixels.depth)[measured > 0]
 
 
 def stack_leaves_every_image(views: list[View], region: Region) -> bool:
@@ -67,7 +62,7 @@ def stack_leaves_every_image(views: list[View], region: Region) -> bool:
 
 
 def _cut(view: View, region: Region) -> bool:
-    points = world_points(view)
+    points = geometry.world_points(view)
     standing = region.contains(points) & (points[..., 2] > region.plane_z + region.lowest)
     b = _BORDER_PX
     border = [standing[:b], standing[-b:], standing[:, :b], standing[:, -b:]]
@@ -82,7 +77,7 @@ def second_container(views: list[View], region: Region) -> str | None:
         region: found around the largest thing in sight.
     """
     points = np.concatenate([p[np.isfinite(p[:, 2])] for p in
-                             (world_points(v, _COARSE).reshape(-1, 3) for v in views)])
+                             (geometry.world_points(v, _COARSE).reshape(-1, 3) for v in views)])
     points = points[points[:, 2] > region.plane_z + region.lowest]
     inside = region.contains(points)
     blobs = [points[inside], largest_blob(points[~inside])]

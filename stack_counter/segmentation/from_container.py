@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from stack_counter import geometry
 from stack_counter.container.inner_surface import WallTable
-from stack_counter.fusion.region import Region, world_points
+from stack_counter.fusion.region import Region
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS, Container, View
 
 _NOISE = 0.003  # what lies less than this above floor or plane is floor or plane, m
@@ -30,7 +30,7 @@ class Geometric:
         Raises:
             ViewError: reason `no_depth`.
         """
-        points = world_points(view, stride)
+        points = geometry.world_points(view, stride)
         return _closed(self._labels(points), np.isnan(points[..., 2]), _GAP_PX / stride)
 
     def _labels(self, points: np.ndarray) -> np.ndarray:

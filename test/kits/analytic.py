@@ -81,10 +81,8 @@ class Scene:
 
     def view(self, T_world_camera, camera=CAMERA, stamp_ns=0, noise=0.0, seed=0):
         """Depth view; `noise` is the standard deviation in metres."""
-        v, u = np.mgrid[:camera.height, :camera.width]
-        d = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy,
-                      np.ones(u.shape)], -1)
-        directions = d @ T_world_camera[:3, :3].T
+        rays = geometry.pixel_rays(camera, dtype=np.float64)
+        directions = rays @ T_world_camera[:3, :3].T
         t = np.min([hit(T_world_camera[:3, 3], directions) for hit in self._hits], axis=0)
         depth = np.where(np.isfinite(t), t, 0)
         if noise:

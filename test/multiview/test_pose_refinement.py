@@ -9,7 +9,6 @@ from kits.analytic import Scene
 
 from stack_counter import geometry
 from stack_counter.errors import ViewError
-from stack_counter.fusion.region import world_points
 from stack_counter.multiview.pose_refinement import essential, refine_poses
 from stack_counter.types import Intrinsics
 
@@ -25,7 +24,7 @@ def scan(count=8):
     box = Scene().box(np.array([0, 0, 0.04]), np.array([0.16, 0.12, 0.08]))
     views = []
     for view in box.views(count, 0.5, (0, 0, 0.04), camera=CAMERA):
-        points = world_points(view)
+        points = geometry.world_points(view)
         cells = np.clip((points[..., :2] + 0.02 * points[..., 2:] + 0.5) / 0.0025, 0, 399)
         grey = cv2.remap(spots, cells[..., 0], cells[..., 1], cv2.INTER_LINEAR)
         color = np.repeat(grey[..., None], 3, axis=-1).astype(np.uint8)

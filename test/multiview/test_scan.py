@@ -9,7 +9,6 @@ from kits.textures import wavy_texture
 
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
-from stack_counter.fusion.region import world_points
 from stack_counter.pipeline import StackCounter
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS, Intrinsics
 
@@ -23,7 +22,7 @@ def pictures(scene, label, world=np.eye(4), count=12):
     """Textured views of a scene without depth; `label` says what points of the world are."""
     views = []
     for view in scene.views(count, 0.5, (0, 0, 0.03), tilts=(12, 28, 42), camera=CAMERA):
-        points = world_points(view)
+        points = geometry.world_points(view)
         color = np.repeat(wavy_texture(points)[..., None], 3, axis=-1).astype(np.uint8)
         labels = np.where(points[..., 2] > 1e-4, label(points), BACKGROUND).astype(np.uint8)
         views.append(replace(view, depth=None, color=color, labels=labels,

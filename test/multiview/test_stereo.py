@@ -9,7 +9,6 @@ from kits.textures import wavy_texture
 
 from stack_counter import geometry
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.fusion.region import world_points
 from stack_counter.multiview import visual_hull
 from stack_counter.multiview.plane_sweep import WORST, Picture, aggregate, best_planes, sweep
 from stack_counter.multiview.stereo import (
@@ -41,7 +40,7 @@ def scan(texture=wavy_texture):
     views, truth = [], []
     for i, T in enumerate(poses()):
         seen = box.view(T, CAMERA, i)
-        points = world_points(seen)
+        points = geometry.world_points(seen)
         labels = np.where(points[..., 2] > 1e-4, PARTS, BACKGROUND).astype(np.uint8)
         color = np.repeat(texture(points)[..., None], 3, axis=-1).astype(np.uint8)
         views.append(replace(seen, depth=None, color=color, labels=labels))

@@ -8,7 +8,6 @@ from kits.analytic import Scene
 
 from stack_counter import geometry
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.fusion.region import world_points
 from stack_counter.multiview.support_plane import find_upright, show_support
 from stack_counter.types import BACKGROUND, PARTS, UNSEEN, Intrinsics
 
@@ -24,7 +23,8 @@ def scan(world=np.eye(4), height=0.3):
     views = []
     for view in Scene().box(np.array([0, 0, 0.04]), np.array([0.16, 0.12, 0.08])).views(
             6, camera=CAMERA):
-        labels = np.where(world_points(view)[..., 2] > 1e-4, PARTS, BACKGROUND).astype(np.uint8)
+        above = geometry.world_points(view)[..., 2] > 1e-4
+        labels = np.where(above, PARTS, BACKGROUND).astype(np.uint8)
         views.append(replace(view, labels=labels, T_world_camera=lifted @ view.T_world_camera))
     return views
 

@@ -93,14 +93,11 @@ def volume(views: list[View], grid: Grid, wall: float, rule: Rule) -> float:
 def against(view: View, points: np.ndarray) -> np.ndarray:
     """(n,) bool: the view's votes to remove the voxels at (n, 3) points, metres, world."""
     assert view.depth is not None and view.labels is not None  # for the type checker
-    k = view.intrinsics
-    local = geometry.apply(geometry.inverse(view.T_world_camera), points)
-    pixels, z = geometry.project(local, k)
-    x, y = np.round(pixels).astype(int).T
-    inside = (z > 0) & (x >= 0) & (y >= 0) & (x < k.width) & (y < k.height)
-    x, y = x[inside], y[inside]
+    pixels = geometry.project_into(view, points)
+    rows, cols = pixels.rows, pixels.cols
     out = np.zeros(len(points), bool)
-    out[inside] = (view.labels[y, x] == BACKGROUND) | (z[inside] < view.depth[y, x])
+    out[pixels.inside] = (view.labels[rows, cols] == BACKGROUND) \
+        | (pixels.depth < view.depth[rows, cols])
     return out
 
 

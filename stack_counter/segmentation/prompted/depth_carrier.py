@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from stack_counter.fusion.region import Region, world_points
+from stack_counter import geometry
+from stack_counter.fusion.region import Region
 from stack_counter.segmentation.prompted.color_models import CLASSES, NEVER
 from stack_counter.types import View
 
@@ -30,7 +31,7 @@ class DepthCarrier:
 
     def background(self, view: View) -> np.ndarray:
         """(h, w) float32 probability of background from height and region."""
-        points = world_points(view)
+        points = geometry.world_points(view)
         height = points[..., 2] - self._region.plane_z
         low = 1 / (1 + np.exp(np.clip((height - _LOW) / _LOW_STEP, -8, 8)))
         p = np.where(self._region.contains(points), np.clip(low, 1 - _SURE, _SURE), 1 - 1e-3)
@@ -53,7 +54,7 @@ class DepthCarrier:
 
     def _voxels(self, view: View) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
         """(h, w) bool pixels in the region, and the indices of their voxels."""
-        points = world_points(view)
+        points = geometry.world_points(view)
         known = self._region.contains(points)
         index = np.floor((points[known] - self._region.low) / self._cell).astype(int)
         return known, tuple(np.minimum(index, np.array(self._votes.shape[:3]) - 1).T)

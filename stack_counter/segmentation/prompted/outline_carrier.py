@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.errors import ScanError
 from stack_counter.segmentation.prompted.color_models import NEVER
 from stack_counter.types import BACKGROUND, PARTS, View
 
@@ -69,29 +68,22 @@ class OutlineCarrier:
 
     def add(self, view: View, probabilities: np.ndarray) -> None:
         """Takes from the hull what a labelled view, (3, h, w) float32, does not show."""
-        x, y, seen = self._pixels(view)
+        pixels = geometry.project_into(view, self._voxels, np.float32)
         for evidence, p in zip(self._evidence,
                                (1 - probabilities[BACKGROUND], probabilities[PARTS])):
             wide = cv2.dilate(p, np.ones((3, 3)))  # a voxel is larger than a pixel
-            evidence[seen] += np.log(np.clip(wide[y[seen], x[seen]], _DOUBT, 1))
+            evidence[pixels.inside] += np.log(np.clip(wide[pixels.rows, pixels.cols], _DOUBT, 1))
         self._views += 1
-
-    def _pixels(self, view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(n,) int pixel x and y of every voxel in a view, and whether it is in sight."""
-        k = view.intrinsics
-        T_camera_world = geometry.inverse(view.T_world_camera).astype(np.float32)
-        pixels, z = geometry.project(geometry.apply(T_camera_world, self._voxels), k)
-        x, y = np.round(np.clip(np.nan_to_num(pixels, nan=-1), -1, 1e5)).astype(int).T
-        return x, y, (z > 0.01) & (x >= 0) & (y >= 0) & (x < k.width) & (y < k.height)
 
     def _drawn(self, view: View) -> np.ndarray:
         """(2, h, w) float32 log evidence of the best voxel that a pixel may show."""
         h, w = view.intrinsics.height, view.intrinsics.width
-        x, y, seen = self._pixels(view)
+        pixels = geometry.project_into(view, self._voxels, np.float32)
+        cells = pixels.rows // _COARSE, pixels.cols // _COARSE
         out = np.empty((2, h, w), np.float32)
         for picture, evidence in zip(out, self._evidence):
             small = np.full((h // _COARSE + 1, w // _COARSE + 1), -20, np.float32)
-            np.maximum.at(small, (y[seen] // _COARSE, x[seen] // _COARSE), evidence[seen])
+            np.maximum.at(small, cells, evidence[pixels.inside])
             small = cv2.dilate(small, np.ones((3, 3)))
             picture[:] = cv2.resize(small, (small.shape[1] * _COARSE, small.shape[0] * _COARSE),
                                     interpolation=cv2.INTER_LINEAR)[:h, :w]
@@ -105,10 +97,6 @@ def _middle(views: list[View], pixel: np.ndarray) -> tuple[np.ndarray, float]:
     aimed = np.array([(pixel[0] - k.cx) / k.fx, (pixel[1] - k.cy) / k.fy, 1.0])
     local = [aimed / np.linalg.norm(aimed), *[np.array([0, 0, 1.0])] * (len(views) - 1)]
     origins = np.array([v.T_world_camera[:3, 3] for v in views])
-    across = [np.eye(3) - np.outer(d, d) for d in
-              (v.T_world_camera[:3, :3] @ way for v, way in zip(views, local))]
-    normal = np.sum(across, axis=0)
-    if np.linalg.cond(normal) > 1e6:
-        raise ScanError("the views look along one direction; expected views from several sides")
-    center = np.linalg.solve(normal, np.einsum("nij,nj->i", across, origins))
+    ways = np.array([v.T_world_camera[:3, :3] @ way for v, way in zip(views, local)])
+    center = geometry.nearest_point_to_rays(origins, ways)
     return center, float(np.linalg.norm(center - origins[0]))

@@ -9,6 +9,7 @@ import numpy as np
 import open3d as o3d
 import open3d.core as o3c
 
+from stack_counter import geometry
 from stack_counter.sim.scenes.scene import Scene
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS, Intrinsics, Mesh
 
@@ -129,9 +130,7 @@ class Renderer:
 def camera_rays(k: Intrinsics, T_world_camera: np.ndarray) -> np.ndarray:
     """(h, w, 6) float64 origins and directions in the world; direction length 1 along optical z,
     so that a hit's parameter is its depth."""
-    v, u = np.mgrid[:k.height, :k.width]
-    local = np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(u.shape)], axis=-1)
-    directions = local @ T_world_camera[:3, :3].T
+    directions = geometry.pixel_rays(k, dtype=np.float64) @ T_world_camera[:3, :3].T
     origins = np.broadcast_to(T_world_camera[:3, 3], directions.shape)
     return np.concatenate([origins, directions], axis=-1)
 
