@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SE(3), projection and rectification in numpy; `T_a_b` maps points of b into a (REP-103)."""
 
 from __future__ import annotations
@@ -43,30 +44,12 @@ def pose_from_quaternion(quaternion: np.ndarray, translation: np.ndarray) -> np.
     if not (np.isfinite(q).all() and np.isfinite(t).all() and abs(norm - 1) < 0.01):
         raise ViewError("bad_pose", f"quaternion {q.tolist()} with translation {t.tolist()}; "
                                     "expected finite numbers and a norm of 1")
-    x, y, z, w = q / norm
-    rotation = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])
-    return pose(rotation, t)
+    return pose(Rotation.from_quat(q).as_matrix(), t)
 
 
 def quaternion_from_pose(T: np.ndarray) -> np.ndarray:
     """(4,) quaternion (x, y, z, w), w >= 0, of the rotation of a (4, 4) transform."""
-    R = T[:3, :3]
-    # Largest of the four squared components first: stable at every angle (Shepperd, 1978).
-    squares = np.array([1 + R[0, 0] - R[1, 1] - R[2, 2], 1 - R[0, 0] + R[1, 1] - R[2, 2],
-                        1 - R[0, 0] - R[1, 1] + R[2, 2], 1 + R[0, 0] + R[1, 1] + R[2, 2]])
-    k = int(np.argmax(squares))
-    sums = np.array([
-        [squares[0], R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[2, 1] - R[1, 2]],
-        [R[0, 1] + R[1, 0], squares[1], R[1, 2] + R[2, 1], R[0, 2] - R[2, 0]],
-        [R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], squares[2], R[1, 0] - R[0, 1]],
-        [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], squares[3]],
-    ])
-    q = sums[k] / np.linalg.norm(sums[k])
-    return q if q[3] >= 0 else -q
+    return Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
 
 
 def look_at(eye: np.ndarray, target: np.ndarray, up: np.ndarray = np.array([0.0, 0, 1])
