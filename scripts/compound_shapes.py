@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from stack_counter.sim.shapes import SIZES_M, Shape, ShapeError, shape_from_mesh
-from stack_counter.sim.shapes.held_out.compound import GENERATORS, solid
+from stack_counter.sim.shapes.held_out.compound import GENERATORS, make_solid
 from stack_counter.sim.shapes.library import write_library
 
 _PARTS = 30  # of a family
@@ -28,7 +28,7 @@ def checked(family: str, variant: int) -> Shape:
     Raises:
         ShapeError: it is no solid, too thin or too rugged.
     """
-    raw = solid(family, variant).simplify(0.004).to_mesh64()
+    raw = make_solid(family, variant).simplify(0.004).to_mesh64()
     size = float(np.random.default_rng(variant).uniform(*SIZES_M))
     shape = shape_from_mesh(raw.vert_properties[:, :3], raw.tri_verts, family, part_size=size)
     # As the file will hold it: corners that are one in float32 are merged when it is read.

@@ -20,7 +20,7 @@ import trimesh
 from manifold3d import Error, Manifold, Mesh, OpType
 
 from stack_counter.sim.shapes import FAMILIES, SIZES_M, Shape, ShapeError, shape_from_mesh
-from stack_counter.sim.shapes.held_out.unseen import GENERATORS, solid
+from stack_counter.sim.shapes.held_out.unseen import GENERATORS, make_solid
 from stack_counter.sim.shapes.library import save_shapes
 
 _OUT = Path(__file__).parent.parent / "data/unseen/shapes.npz"
@@ -80,7 +80,7 @@ def checked(source: str, family: str, variant: str, path: Path | None) -> Shape:
     """
     if family in FAMILIES:
         raise ShapeError("is a training family; expected another")
-    coarse = simplified(fused(path) if path else solid(family, int(variant)))
+    coarse = simplified(fused(path) if path else make_solid(family, int(variant)))
     if coarse.num_tri() > _FACES:
         raise ShapeError(f"{coarse.num_tri()} faces; expected at most {_FACES}")
     raw = coarse.to_mesh64()

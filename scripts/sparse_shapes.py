@@ -16,7 +16,7 @@ import trimesh
 
 from stack_counter.sim.physics.collision import convex_pieces
 from stack_counter.sim.shapes import SIZES_M, Shape, ShapeError, shape_from_mesh
-from stack_counter.sim.shapes.held_out.sparse import GENERATORS, solid
+from stack_counter.sim.shapes.held_out.sparse import GENERATORS, make_solid
 from stack_counter.sim.shapes.library import write_library
 
 _PARTS = 8  # of a family
@@ -29,7 +29,7 @@ def checked(family: str, variant: int) -> Shape:
     Raises:
         ShapeError: it is no solid, or has no faithful decomposition.
     """
-    raw = solid(family, variant).to_mesh64()
+    raw = make_solid(family, variant).to_mesh64()
     size = float(np.random.default_rng(variant).uniform(*SIZES_M))
     # As the file will hold it: corners that are one in float32 are merged when it is read.
     vertices = raw.vert_properties[:, :3].astype(np.float32)

@@ -30,7 +30,7 @@ from stack_counter.parts.calibration import counted_scan
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.gamma_model import PartModels, Reading
 from stack_counter.pipeline import count_stack
-from stack_counter.sim import FOUND_AS, SCENES_PER_RIG, Scene, read_scenes
+from stack_counter.sim import RECONSTRUCTED_KIND, SCENES_PER_RIG, Scene, read_scenes
 from stack_counter.teaching import Pile, PileScan, make_order, models_of, simulate_part
 from stack_counter.train import reconstruct
 from stack_counter.types import OccupancyEstimate, StackVolume
@@ -133,8 +133,16 @@ class Remembered:
 def _models(rig: Rig, options: argparse.Namespace) -> PartModels:
     """What `part add` learns, from piles kept in the cache."""
     shape, container = rig.scenes[0].shape, rig.scenes[0].container
-    config = Config() if not options.container else Config(reconstructor=ReconstructorConfig(
-        container_kind=FOUND_AS[container.kind], container_inner_size_m=container.inner_size_m))
+    config = (
+        Config()
+        if not options.container
+        else Config(
+            reconstructor=ReconstructorConfig(
+                container_kind=RECONSTRUCTED_KIND[container.kind],
+                container_inner_size_m=container.inner_size_m,
+            )
+        )
+    )
     order = make_order(shape.vertices, shape.faces, config)
     heard = make_estimator(order.estimator).name
     rig_of = f"-rig{rig.number}" if options.container else ""

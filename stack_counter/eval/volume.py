@@ -18,7 +18,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.eval.common.sets import folder_of
 from stack_counter.pipeline import StackCounter
-from stack_counter.sim import FOUND_AS, Scene, read_scenes, record
+from stack_counter.sim import RECONSTRUCTED_KIND, Scene, read_scenes, record
 from stack_counter.types import View
 
 _HOLE_PX = 6  # side of a patch of missing depth
@@ -109,7 +109,7 @@ def measure(scene: Scene, views: list[View]) -> VolumeCase:
     case = VolumeCase(
         shape.kind, scene.index, miss / scene.truth.stack_volume,
         miss / volume.stack_volume_std if volume.stack_volume_std else np.nan,
-        kind_found=found.kind == FOUND_AS[shape.kind], finish_s=volume.seconds["finish"])
+        kind_found=found.kind == RECONSTRUCTED_KIND[shape.kind], finish_s=volume.seconds["finish"])
     if shape.kind == "none" or not case.kind_found:
         return case
     true, got = (sorted(sizes[:2]) for sizes in (shape.inner_size_m, found.inner_size_m))
@@ -122,7 +122,7 @@ def table(cases: list[VolumeCase]) -> str:
     """The figures by container kind."""
     lines = [f"{'':10}{'scenes':>7}{'refused':>8}{'found':>7}{'MAE':>8}{'bias':>8}{'p95':>8}"
              f"{'z std':>7}{'wall mm':>9}{'wall ok':>8}{'width':>8}{'finish s':>9}"]
-    groups = {"all": cases, **{name: [c for c in cases if FOUND_AS[c.kind] == name]
+    groups = {"all": cases, **{name: [c for c in cases if RECONSTRUCTED_KIND[c.kind] == name]
                                for name in ("box", "round", "free", "none")}}
     for name, group in groups.items():
         done = [c for c in group if not c.refused]

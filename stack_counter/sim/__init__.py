@@ -11,11 +11,11 @@ from stack_counter.sim.camera.bags import remove_parts
 from stack_counter.sim.camera.depth_camera import DepthCamera
 from stack_counter.sim.camera.recording import record, record_fixed_camera
 from stack_counter.sim.physics.drop import simulate_pile
-from stack_counter.sim.physics.plans import FRICTION, deep_container, pile_in
-from stack_counter.sim.physics.recipes import SCENES_PER_RIG, most_parts
+from stack_counter.sim.physics.plans import FRICTION, draw_deep_container, draw_plan_in_container
+from stack_counter.sim.physics.recipes import SCENES_PER_RIG, max_simulated_parts
 from stack_counter.sim.physics.table import lay_out_pieces
-from stack_counter.sim.scenes.containers import FOUND_AS, ContainerShape
-from stack_counter.sim.scenes.ray_caster import Caster
+from stack_counter.sim.scenes.containers import RECONSTRUCTED_KIND, ContainerShape
+from stack_counter.sim.scenes.ray_caster import RayCaster
 from stack_counter.sim.scenes.scene import Scene, SceneError
 from stack_counter.sim.scenes.shards import read_scenes, read_shard
 from stack_counter.sim.scenes.truth import Truth
@@ -23,28 +23,28 @@ from stack_counter.sim.shapes import Shape, ShapeError, make_shape, shape_from_m
 from stack_counter.sim.shapes.library import load_shapes
 
 __all__ = [
-    "FOUND_AS",
     "FRICTION",
+    "RECONSTRUCTED_KIND",
     "SCENES_PER_RIG",
-    "Caster",
     "ContainerShape",
     "DepthCamera",
+    "RayCaster",
     "Scene",
     "SceneError",
     "Shape",
     "ShapeError",
     "Truth",
-    "deep_container",
-    "simulate_pile",
+    "draw_deep_container",
+    "draw_plan_in_container",
+    "lay_out_pieces",
     "load_shapes",
     "make_shape",
-    "most_parts",
-    "remove_parts",
-    "pile_in",
+    "max_simulated_parts",
     "read_scenes",
     "read_shard",
     "record",
-    "shape_from_mesh",
-    "lay_out_pieces",
     "record_fixed_camera",
+    "remove_parts",
+    "shape_from_mesh",
+    "simulate_pile",
 ]

@@ -20,7 +20,13 @@ from stack_counter.errors import StackCounterError
 from stack_counter.sim.physics.drop import make_scene
 from stack_counter.sim.physics.recipes import Recipe
 from stack_counter.sim.scenes.scene import SceneError
-from stack_counter.sim.scenes.shards import LIBRARY, SCENES, read_shard, shard_path, write_shard
+from stack_counter.sim.scenes.shards import (
+    LIBRARY_FILE,
+    SCENES_PER_SHARD,
+    read_shard,
+    shard_path,
+    write_shard,
+)
 from stack_counter.sim.shapes.library import load_shapes
 
 _LOG = logging.getLogger(__name__)
@@ -47,9 +53,12 @@ def simulate(out: Path, scenes: int, workers: int, seed: int, plan: str = "mixed
     recipe = Recipe(plan, tuple(load_shapes(library)) if library else ())
     out.mkdir(parents=True, exist_ok=True)
     _claim(out, {"seed": seed, "plan": plan, "library": _digest(library)})
-    if library is not None and library.resolve() != (out / LIBRARY).resolve():
-        shutil.copyfile(library, out / LIBRARY)
-    sizes = {n: min(SCENES, scenes - n * SCENES) for n in range(-(-scenes // SCENES))}
+    if library is not None and library.resolve() != (out / LIBRARY_FILE).resolve():
+        shutil.copyfile(library, out / LIBRARY_FILE)
+    sizes = {
+        n: min(SCENES_PER_SHARD, scenes - n * SCENES_PER_SHARD)
+        for n in range(-(-scenes // SCENES_PER_SHARD))
+    }
     missing = {n for n, size in sizes.items() if not _is_there(shard_path(out, n), size)}
     failed: dict[int, str] = {}
     with tqdm(total=scenes, initial=scenes - sum(sizes[n] for n in missing), unit=" scenes",
@@ -116,7 +125,7 @@ def _run_pool(out: Path, sizes: dict[int, int], workers: int, seed: int, recipe:
 def _make(out: Path, number: int, size: int, seed: int, recipe: Recipe) -> dict:
     """Makes one shard; a line for the log."""
     begin, skipped = time.time(), Counter[str]()
-    first = number * SCENES
+    first = number * SCENES_PER_SHARD
     scenes = [make_scene(seed, i, recipe, skipped) for i in range(first, first + size)]
     write_shard(shard_path(out, number), scenes, skipped)
     return {"shard": number, "scenes": size, "parts": sum(len(s.poses) for s in scenes),

@@ -18,7 +18,7 @@ from stack_counter import geometry
 from stack_counter.sim.camera.render import Renderer
 from stack_counter.sim.scenes.containers import KINDS
 from stack_counter.sim.scenes.scene import Scene, SceneError
-from stack_counter.sim.scenes.shards import read_shard, read_skipped
+from stack_counter.sim.scenes.shards import read_failed_tries, read_shard
 from stack_counter.sim.shapes import FAMILIES
 from stack_counter.types import Intrinsics
 
@@ -100,7 +100,7 @@ def _facts(c: Columns, paths: list[Path]) -> list[tuple[str, str]]:
     spread = np.percentile(gamma, (0, 5, 50, 95, 100)) if len(gamma) else [np.nan] * 5
     kinds = ", ".join(f"{kind} {np.mean(c['kind'] == kind):.1%}" for kind in KINDS)
     name, most = families.most_common(1)[0]
-    skipped: Counter[str] = sum(map(read_skipped, paths), Counter())
+    skipped: Counter[str] = sum(map(read_failed_tries, paths), Counter())
     reasons = ", ".join(f"{reason} {n}" for reason, n in skipped.most_common())
     missing = ", ".join(sorted(set(FAMILIES) - set(families)))
     return [
@@ -254,7 +254,7 @@ def _picture(scene: Scene) -> np.ndarray:
     distance = np.linalg.norm(high - low) / 2 * 1.1 * _CAMERA.fy / (_CAMERA.height / 2)
     target, away = (low + high) / 2, np.array([0, -np.sin(_TILT), np.cos(_TILT)])
     T = geometry.look_at(target + distance * away, target)
-    return Renderer(scene).color(_CAMERA, T, scene.index)
+    return Renderer(scene).render_color(_CAMERA, T, scene.index)
 
 
 def _image(png: bytes, text: str) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 import trimesh
 
 from stack_counter.sim.physics.drop import simulate_pile
-from stack_counter.sim.physics.plans import Plan
+from stack_counter.sim.physics.plans import PilePlan
 from stack_counter.sim.scenes.containers import ContainerShape
 from stack_counter.sim.scenes.scene import Scene, SceneError
 from stack_counter.sim.shapes import Shape, make_shape, shape_from_mesh
@@ -32,7 +32,7 @@ def pile(shape: Shape, width: float, depth: float, count: int, taps: int = 0,
     size = shape.part_size
     box = ContainerShape("bin", np.eye(4), (width * size, width * size, depth * size),
                          0.2 * size, 0.2 * size)
-    plan = Plan(shape, box, np.array([0.95, 0.95]) * width * size, count, 0.4, 0.1, taps)
+    plan = PilePlan(shape, box, np.array([0.95, 0.95]) * width * size, count, 0.4, 0.1, taps)
     for attempt in range(seed, seed + _TRIES):
         try:
             return simulate_pile(plan, np.random.default_rng(attempt), decompose=decompose)

@@ -22,9 +22,9 @@ from stack_counter.sim import (
     Scene,
     SceneError,
     Shape,
-    deep_container,
-    most_parts,
-    pile_in,
+    draw_deep_container,
+    draw_plan_in_container,
+    max_simulated_parts,
     simulate_pile,
 )
 from stack_counter.train import reconstruct, reconstruct_from_above
@@ -118,11 +118,15 @@ def make_pile(order: PileRequest, index: int) -> Pile:
 
 
 def _dropped(order: PileRequest, random: np.random.Generator, index: int) -> Scene:
-    most = most_parts(order.shape)
-    container = deep_container(random, order.shape, most) if order.container is None \
+    most = max_simulated_parts(order.shape)
+    container = draw_deep_container(random, order.shape, most) if order.container is None \
         else scaled(order.container, float(np.exp(random.uniform(-1, 1) * np.log(_SIZES))))
-    return simulate_pile(pile_in(random, order.shape, container, order.friction, most), random,
-                         order.seed, index)
+    return simulate_pile(
+        draw_plan_in_container(random, order.shape, container, order.friction, most),
+        random,
+        order.seed,
+        index,
+    )
 
 
 @cache

@@ -54,7 +54,7 @@ def crops_of(scene: Scene) -> list[np.ndarray]:
     out = []
     for view in record(scene, _VIEWS, seed=1, color=False):
         try:
-            out.append(wall_crop(view, form, scene.container.rim_m, 0.0))
+            out.append(wall_crop(view, form, scene.container.rim_height_m, 0.0))
         except ViewError:
             continue
     return out

@@ -25,7 +25,7 @@ def seen():
 
     scene = next(s for s in read_scenes(folder_of("unseen"), 5))
     form = outer_form(scene, np.random.default_rng(0), 0.0)
-    return form, scene.container.rim_m, scene.container, record(scene, 3, color=False)
+    return form, scene.container.rim_height_m, scene.container, record(scene, 3, color=False)
 
 
 def test_a_crop_says_where_points_lie(seen):

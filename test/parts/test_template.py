@@ -9,7 +9,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.parts.template import Template, scan_template, shipped
 from stack_counter.sim import record
-from stack_counter.sim.physics.table import lay_out_pieces, rest_turns
+from stack_counter.sim.physics.table import lay_out_pieces, rest_rotations
 from stack_counter.sim.shapes import make_shape
 
 BRACKET = make_shape(11, "bracket")
@@ -22,7 +22,7 @@ def scan(shape, pieces, told=None, **changes):
 
 def test_pieces_lie_apart_and_each_in_a_rest_pose():
     scene = lay_out_pieces(BRACKET, 7, 3)
-    turns, chances = rest_turns(BRACKET)
+    turns, chances = rest_rotations(BRACKET)
     assert chances.sum() == pytest.approx(1) and len(scene.poses) == 7
     vertices = scene.parts_mesh().vertices.reshape(7, -1, 3)
     assert np.abs(vertices[..., 2].min(axis=1)).max() < 1e-4, "they stand on the table"

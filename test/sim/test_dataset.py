@@ -16,17 +16,17 @@ import pytest
 from stack_counter.sim import read_scenes
 from stack_counter.sim.dataset import simulate
 from stack_counter.sim.physics.drop import make_scene
-from stack_counter.sim.physics.plans import Plan
+from stack_counter.sim.physics.plans import PilePlan
 from stack_counter.sim.physics.recipes import Recipe
 from stack_counter.sim.scenes.containers import ContainerShape
 from stack_counter.sim.scenes.scene import SceneError
-from stack_counter.sim.scenes.shards import SCENES, shard_path
+from stack_counter.sim.scenes.shards import SCENES_PER_SHARD, shard_path
 from stack_counter.sim.shapes import make_shape
 
 pytest.importorskip("sapien", reason="the physics engine has no wheel for this Python")
 
 LIBRARY = (make_shape(0, "block"), make_shape(9, "block"), make_shape(10, "block"))
-SEED, COUNT = 5, 2 * SCENES + 3  # two full shards and one begun
+SEED, COUNT = 5, 2 * SCENES_PER_SHARD + 3  # two full shards and one begun
 
 
 class Few(Recipe):
@@ -36,8 +36,8 @@ class Few(Recipe):
         size = shape.part_size
         inner = tuple(random.uniform(3, 3.5, 3) * size)
         box = ContainerShape("bin", np.eye(4), inner, 0.1 * size, 0.1 * size)
-        return Plan(shape, box, 0.7 * np.array(inner[:2]), int(random.integers(8, 14)),
-                    taps=int(random.integers(2)))
+        return PilePlan(shape, box, 0.7 * np.array(inner[:2]), int(random.integers(8, 14)),
+                        taps=int(random.integers(2)))
 
 
 class Hopeless(Recipe):
@@ -98,12 +98,16 @@ def test_a_run_makes_the_scenes_asked_for_and_logs_them(run):
     scenes = list(read_scenes(run))
     assert [s.index for s in scenes] == list(range(COUNT)) and {s.seed for s in scenes} == {SEED}
     assert {s.shape.seed for s in scenes} == {0, 9, 10}
-    for i in (1, SCENES + 2):  # what lies there is what is made here
+    for i in (1, SCENES_PER_SHARD + 2):  # what lies there is what is made here
         here = make_scene(SEED, i, RECIPE, Counter())
         np.testing.assert_array_equal(scenes[i].poses, here.poses)
         assert scenes[i].truth.stack_volume == here.truth.stack_volume
     lines = [json.loads(line) for line in (run / "simulate.log").read_text().splitlines()]
-    assert sorted((x["shard"], x["scenes"]) for x in lines) == [(0, SCENES), (1, SCENES), (2, 3)]
+    assert sorted((x["shard"], x["scenes"]) for x in lines) == [
+        (0, SCENES_PER_SHARD),
+        (1, SCENES_PER_SHARD),
+        (2, 3),
+    ]
     assert sum(x["parts"] for x in lines) == sum(s.truth.count for s in scenes)
     assert not list(run.glob("*.part"))
 

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from stack_counter import geometry
 from stack_counter.sim import Scene, record
-from stack_counter.sim.camera.depth_camera import DepthCamera, noisy_pose
+from stack_counter.sim.camera.depth_camera import DepthCamera, perturb_pose
 from stack_counter.sim.camera.recording import CAMERA
 from stack_counter.sim.camera.render import Renderer, camera_rays
 from stack_counter.sim.scenes.containers import ContainerShape
@@ -42,7 +42,7 @@ def away_from_edges(depth):
 def test_depth_is_that_of_the_closed_form(name):
     mesh, z, analytic = SOLIDS[name]
     T = geometry.look_at(np.array([0.2, -0.15, 0.5]), np.array([0.0, 0, 0.02]))
-    depth, labels = Renderer(one_part(mesh, z)).depth_and_labels(CAMERA, T)
+    depth, labels = Renderer(one_part(mesh, z)).render_depth_and_labels(CAMERA, T)
     want = analytic.view(T).depth
     assert np.abs(depth - want)[away_from_edges(want)].max() < 1e-4
     # Pixel centres: the outline's middle lies where the closed form has it.
@@ -57,7 +57,7 @@ def test_a_filled_bin_is_seen_where_it_stands():
     box = ContainerShape("bin", pose, (0.2, 0.14, 0.1), 0.01, 0.008)
     scene = one_part(trimesh.creation.box([0.2, 0.14, 0.06]), 0.008 + 0.03, box)
     T = geometry.look_at(np.array([0.25, -0.1, 0.6]), np.array([0.05, -0.02, 0.05]))
-    depth, labels = Renderer(scene).depth_and_labels(CAMERA, T)
+    depth, labels = Renderer(scene).render_depth_and_labels(CAMERA, T)
     want = Analytic().bin((0.2, 0.14, 0.1), 0.01, 0.008, 0.06, 0.05, -0.02, 0.4).view(T).depth
     assert np.abs(depth - want)[away_from_edges(want)].max() < 1e-4
     assert set(np.unique(labels)) == {BACKGROUND, CONTAINER, PARTS}
@@ -90,7 +90,7 @@ def test_depth_is_torn_at_edges():
 def test_pose_noise_has_its_size():
     random = np.random.default_rng(0)
     T = geometry.look_at(np.array([0.3, 0.1, 0.5]), np.zeros(3))
-    changes = np.array([geometry.pose_change(T, noisy_pose(T, random)) for _ in range(400)])
+    changes = np.array([geometry.pose_change(T, perturb_pose(T, random)) for _ in range(400)])
     # The norm of three normal errors has a root mean square of sqrt(3) times theirs.
     rms = np.sqrt((changes**2).mean(axis=0))
     assert rms == pytest.approx([3**0.5 * 0.0005, 3**0.5 * np.deg2rad(0.05)], rel=0.1)
@@ -106,7 +106,7 @@ def test_recording_sees_the_parts_whole_and_is_the_same_for_a_seed(kind):
     for view, same in zip(views, again):
         np.testing.assert_array_equal(view.depth, same.depth)
         np.testing.assert_array_equal(view.T_world_camera, same.T_world_camera)
-        labels = Renderer(scene).depth_and_labels(CAMERA, view.T_world_camera)[1]
+        labels = Renderer(scene).render_depth_and_labels(CAMERA, view.T_world_camera)[1]
         assert {PARTS} | ({CONTAINER} if kind != "none" else set()) <= set(np.unique(labels))
         assert not (labels[[0, -1]] == PARTS).any() and not (labels[:, [0, -1]] == PARTS).any()
     assert (record(scene, views=1, seed=2, color=False)[0].depth != views[0].depth).any()

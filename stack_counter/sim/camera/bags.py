@@ -17,7 +17,7 @@ import yaml
 from stack_counter import geometry
 from stack_counter.bag.writer import Transform, write_bag, write_rig_bag
 from stack_counter.errors import BagError
-from stack_counter.sim.camera.recording import FRAME, record, record_fixed_camera, station
+from stack_counter.sim.camera.recording import FRAME, record, record_fixed_camera, record_station
 from stack_counter.sim.physics.table import lay_out_pieces
 from stack_counter.sim.scenes.scene import Scene
 from stack_counter.types import View
@@ -85,7 +85,7 @@ def write_station_bag(scene: Scene, out: Path, cycles: int, seed: int) -> None:
     left = [round(len(scene.poses) * (1 - k / cycles)) for k in range(cycles)]
     states = list(remove_parts(scene, len(scene.poses) - left[-1]))
     shown = [next(s for s in states if len(s.poses) == n) for n in left]
-    cameras = station(shown, seed=seed)
+    cameras = record_station(shown, seed=seed)
     static: list[Transform] = [(views[0].stamp_ns, "base_link", views[0].camera,
                                 views[0].T_world_camera) for views in cameras.values()]
     counts = [{"stamp_ns": max(v[k].stamp_ns for v in cameras.values()), "count": n}

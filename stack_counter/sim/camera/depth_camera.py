@@ -58,8 +58,8 @@ class DepthCamera:
         return np.where(valid, measured, 0).astype(np.float32)
 
 
-def noisy_pose(T: np.ndarray, random: np.random.Generator, sigma_m: float = 0.0005,
-               sigma_deg: float = 0.05) -> np.ndarray:
+def perturb_pose(T: np.ndarray, random: np.random.Generator, sigma_m: float = 0.0005,
+                 sigma_deg: float = 0.05) -> np.ndarray:
     """A (4, 4) pose as a robot reports it: errors in the camera's own frame, per axis."""
     turn = Rotation.from_rotvec(np.deg2rad(sigma_deg) * random.normal(size=3)).as_matrix()
     return T @ geometry.pose(turn, random.normal(0, sigma_m, 3))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.sim.camera.depth_camera import DepthCamera, noisy_pose
+from stack_counter.sim.camera.depth_camera import DepthCamera, perturb_pose
 from stack_counter.sim.camera.render import Renderer
 from stack_counter.sim.scenes.scene import Scene
 from stack_counter.types import Intrinsics, View
@@ -38,9 +38,9 @@ def record(scene: Scene, views: int = 12, seed: int = 0, color: bool = True,
     """
     random = np.random.default_rng([seed, scene.index, 0xA7])
     renderer, sensor = Renderer(scene), camera or DepthCamera()
-    taken = [_view(renderer, T, noisy_pose(T, random, pose_sigma_m, pose_sigma_deg),
+    taken = [_view(renderer, T, perturb_pose(T, random, pose_sigma_m, pose_sigma_deg),
                    (i + 1) * _STEP_NS, sensor, random, seed if color else None, intrinsics)
-             for i, T in enumerate(arc(scene, views, random))]
+             for i, T in enumerate(arc_poses(scene, views, random))]
     return taken if labels else [replace(view, labels=None) for view in taken]
 
 
@@ -52,14 +52,14 @@ def record_fixed_camera(states: list[Scene], seed: int = 0, color: bool = True) 
         seed, color: as for `record`.
     """
     random = np.random.default_rng([seed, states[0].index, 0xF1])
-    T, sensor = arc(states[0], 1, random)[0], DepthCamera()
-    reported = noisy_pose(T, random)
+    T, sensor = arc_poses(states[0], 1, random)[0], DepthCamera()
+    reported = perturb_pose(T, random)
     return [replace(_view(Renderer(state), T, reported, (i + 1) * _STEP_NS, sensor, random,
                           seed if color else None), labels=None, fixed=True)
             for i, state in enumerate(states)]
 
 
-def station(states: list[Scene], cameras: int = 4, seed: int = 0, color: bool = True
+def record_station(states: list[Scene], cameras: int = 4, seed: int = 0, color: bool = True
             ) -> dict[str, list[View]]:
     """Views of fixed cameras around the bin, each one of every state of a scene at the same time.
 
@@ -83,7 +83,7 @@ def station(states: list[Scene], cameras: int = 4, seed: int = 0, color: bool = 
         away = np.array([np.sin(_STATION_TILT) * np.cos(turn), np.sin(_STATION_TILT)
                          * np.sin(turn), np.cos(_STATION_TILT)])
         poses[name] = geometry.look_at(target + distance * away, target)
-    reported = {name: noisy_pose(T, random) for name, T in poses.items()}
+    reported = {name: perturb_pose(T, random) for name, T in poses.items()}
     out: dict[str, list[View]] = {name: [] for name in names}
     for k, state in enumerate(states):
         renderer = Renderer(state)
@@ -99,14 +99,14 @@ def station(states: list[Scene], cameras: int = 4, seed: int = 0, color: bool = 
 def _view(renderer: Renderer, T: np.ndarray, reported: np.ndarray, stamp_ns: int,
           sensor: DepthCamera, random: np.random.Generator, materials: int | None,
           intrinsics: Intrinsics = CAMERA) -> View:
-    depth, labels = renderer.depth_and_labels(intrinsics, T)
+    depth, labels = renderer.render_depth_and_labels(intrinsics, T)
     return View(
         stamp_ns=stamp_ns, intrinsics=intrinsics, T_world_camera=reported, camera=FRAME,
         depth=sensor.measure(depth, intrinsics, random), labels=labels,
-        color=None if materials is None else renderer.color(intrinsics, T, materials))
+        color=None if materials is None else renderer.render_color(intrinsics, T, materials))
 
 
-def arc(scene: Scene, views: int, random: np.random.Generator) -> list[np.ndarray]:
+def arc_poses(scene: Scene, views: int, random: np.random.Generator) -> list[np.ndarray]:
     """True camera poses: once around the bin, tilted 10 to 45 degrees from the vertical."""
     points = scene.parts_mesh().vertices.astype(float)
     box = scene.container.mesh()

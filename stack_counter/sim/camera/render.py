@@ -40,7 +40,7 @@ class Renderer:
                                             o3c.Tensor(mesh.triangles.astype(np.uint32)))
             self._labels[name] = label
 
-    def depth_and_labels(self, k: Intrinsics, T_world_camera: np.ndarray
+    def render_depth_and_labels(self, k: Intrinsics, T_world_camera: np.ndarray
                          ) -> tuple[np.ndarray, np.ndarray]:
         """(h, w) float32 metres along optical z, 0 where nothing is hit; (h, w) uint8 labels."""
         hits = self._cast(camera_rays(k, T_world_camera))
@@ -50,7 +50,7 @@ class Renderer:
         labels = np.where(seen, self._labels[np.minimum(ids, 3)], BACKGROUND)
         return np.where(seen, depth, 0).astype(np.float32), labels.astype(np.uint8)
 
-    def color(self, k: Intrinsics, T_world_camera: np.ndarray, seed: int) -> np.ndarray:
+    def render_color(self, k: Intrinsics, T_world_camera: np.ndarray, seed: int) -> np.ndarray:
         """(h, w, 3) uint8 RGB: Lambert and a highlight, soft shadow, ambient occlusion.
 
         `seed` draws the materials and the light; one for all views of a recording.

@@ -7,10 +7,11 @@ from collections import Counter
 import numpy as np
 
 from stack_counter.sim.physics.collision import convex_pieces
-from stack_counter.sim.physics.engine import Pile
-from stack_counter.sim.physics.plans import MIN_PARTS, Plan
+from stack_counter.sim.physics.engine import PileSimulation
+from stack_counter.sim.physics.plans import MIN_PARTS, PilePlan
 from stack_counter.sim.physics.recipes import Recipe
-from stack_counter.sim.scenes.scene import Scene, SceneError, pack, unpack
+from stack_counter.sim.scenes.pose_packing import pack_poses, unpack_poses
+from stack_counter.sim.scenes.scene import Scene, SceneError
 from stack_counter.sim.shapes import ShapeError
 
 MAX_PENETRATION = 0.02  # of the part size
@@ -37,7 +38,7 @@ def make_scene(seed: int, index: int, recipe: Recipe, skipped: Counter[str]) -> 
     raise SceneError(f"scene {index} of seed {seed} failed {_TRIES} times: {dict(skipped)}")
 
 
-def simulate_pile(plan: Plan, random: np.random.Generator, seed: int = 0, index: int = 0,
+def simulate_pile(plan: PilePlan, random: np.random.Generator, seed: int = 0, index: int = 0,
                   decompose: bool = True) -> Scene:
     """Simulates one plan.
 
@@ -51,18 +52,18 @@ def simulate_pile(plan: Plan, random: np.random.Generator, seed: int = 0, index:
     if min(plan.container.inner_size_m[:2]) < size:
         raise SceneError(f"container too small: {plan.container.inner_size_m} m inside; expected "
                          f"at least the part's {size:.4f} m")
-    pile = Pile(plan, convex_pieces(plan.shape, decompose), random)
+    pile = PileSimulation(plan, convex_pieces(plan.shape, decompose), random)
     pile.pour()
     pile.shake()
     pile.settle()
-    deep = pile.penetration()
+    deep = pile.deepest_overlap()
     if deep > MAX_PENETRATION:
         raise SceneError(f"penetration: {deep:.3f} of the part size; expected at most "
                          f"{MAX_PENETRATION}")
     poses = pile.poses() * [size, size, size, 1, 1, 1, 1]
-    poses = poses[plan.container.over_opening(poses[:, :3]) & (poses[:, 2] > 0)]
+    poses = poses[plan.container.is_over_opening(poses[:, :3]) & (poses[:, 2] > 0)]
     if len(poses) < min(MIN_PARTS, plan.count):
         raise SceneError(f"too few: {len(poses)} parts stayed; expected {MIN_PARTS} or more")
     # What is rendered and measured is what is stored.
-    return Scene(seed, index, plan.shape, plan.container, unpack(*pack(poses)), plan.friction,
-                 plan.restitution, plan.taps)
+    return Scene(seed, index, plan.shape, plan.container, unpack_poses(pack_poses(poses)),
+                 plan.friction, plan.restitution, plan.taps)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stack_counter.sim.physics.plans import Plan
+from stack_counter.sim.physics.plans import PilePlan
 from stack_counter.sim.scenes.scene import SceneError
 
 _STEP_S = 1 / 60
@@ -26,10 +26,10 @@ _SPACING = 2.02  # between dropped parts, in their largest radius
 _ITERATIONS = 8  # of the solver; with 16 piles rest no sooner, and 8 keep the overlap's limit
 
 
-class Pile:
+class PileSimulation:
     """One physics scene, lengths in part sizes, container frame."""
 
-    def __init__(self, plan: Plan, pieces: list[np.ndarray], random: np.random.Generator):
+    def __init__(self, plan: PilePlan, pieces: list[np.ndarray], random: np.random.Generator):
         """An empty container.
 
         Args:
@@ -73,10 +73,10 @@ class Pile:
     def pour(self) -> None:
         """Drops the planned number of parts, wave upon wave, each on top of all that is there."""
         spacing = _SPACING * max(np.linalg.norm(piece, axis=1).max() for piece in self._pieces)
-        room = np.maximum(self._plan.pour_m / self._plan.shape.part_size - spacing, 0)
+        room = np.maximum(self._plan.column_m / self._plan.shape.part_size - spacing, 0)
         grid = np.floor(room / spacing).astype(int) + 1
         cells = int(np.prod(grid))
-        wave, rim = cells * _LAYERS, self._plan.container.rim_m / self._plan.shape.part_size
+        wave, rim = cells * _LAYERS, self._plan.container.rim_height_m / self._plan.shape.part_size
         for begin in range(0, self._plan.count, wave):
             top = max([rim, *(body.entity_pose.p[2] for body in self._bodies)]) + spacing
             loose = np.maximum(room - (grid - 1) * spacing, 0) / 2
@@ -132,7 +132,7 @@ class Pile:
         for _ in range(round(seconds / _STEP_S)):
             self._scene.step()
 
-    def penetration(self) -> float:
+    def deepest_overlap(self) -> float:
         """Deepest overlap of any two bodies, in part sizes."""
         return max((-point.separation for contact in self._scene.physx_system.get_contacts()
                     for point in contact.points), default=0.0)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from stack_counter import geometry
-from stack_counter.sim.scenes.containers import ROUND, ContainerShape
+from stack_counter.sim.scenes.containers import ROUND_KINDS, ContainerShape
 from stack_counter.sim.shapes import Shape
 
 MIN_PARTS, MAX_PARTS = 12, 1000
@@ -29,11 +29,11 @@ _LOWEST = 0.5  # depth of the lowest container, in part sizes
 
 
 @dataclass(frozen=True)
-class Plan:
+class PilePlan:
     """What to drop where; metres.
 
     Attributes:
-        pour_m: (2,) sides of the column that the parts fall through.
+        column_m: (2,) sides of the column that the parts fall through.
         count: parts dropped.
         friction, restitution: of all contacts.
         taps: how often the container is shaken when it is filled.
@@ -41,36 +41,36 @@ class Plan:
 
     shape: Shape
     container: ContainerShape
-    pour_m: np.ndarray
+    column_m: np.ndarray
     count: int
     friction: float = 0.4
     restitution: float = 0.1
     taps: int = 0
 
 
-def packing_guess(shape: Shape) -> float:
+def expected_gamma(shape: Shape) -> float:
     """gamma to expect, for choosing a number of parts: concave parts are looser."""
     return 0.58 * shape.convexity**0.6
 
 
-def mixed_plan(random: np.random.Generator, shape: Shape, most: int) -> Plan:
+def draw_mixed_plan(random: np.random.Generator, shape: Shape, most: int) -> PilePlan:
     """Any container, any fill: deep in two of three scenes."""
     deep = random.random() < _DEEP_SHARE
-    return (deep_plan if deep else shallow_plan)(random, shape, most)
+    return (draw_deep_plan if deep else draw_shallow_plan)(random, shape, most)
 
 
-def shallow_plan(random: np.random.Generator, shape: Shape, most: int) -> Plan:
+def draw_shallow_plan(random: np.random.Generator, shape: Shape, most: int) -> PilePlan:
     """Any width alike, and therefore low stacks where the parts are many: from one layer up."""
     return _plan(random, shape, most, _SHALLOW, _shallow_size)
 
 
-def deep_plan(random: np.random.Generator, shape: Shape, most: int) -> Plan:
+def draw_deep_plan(random: np.random.Generator, shape: Shape, most: int) -> PilePlan:
     """Containers about as deep as wide, and therefore narrow ones for thin parts."""
     return _plan(random, shape, most, _DEEP, _deep_size)
 
 
 def _plan(random: np.random.Generator, shape: Shape, most: int, shares: dict[str, float],
-          size_of: Callable[..., np.ndarray]) -> Plan:
+          size_of: Callable[..., np.ndarray]) -> PilePlan:
     kind = _one_of(random, shares)
     surface = _surface(random, FRICTION)
     if kind == "none":
@@ -79,22 +79,22 @@ def _plan(random: np.random.Generator, shape: Shape, most: int, shares: dict[str
     return _filled(random, shape, container, most, _FILL, surface)
 
 
-def rig_plan(random: np.random.Generator, rig: np.random.Generator, shape: Shape, most: int
-             ) -> Plan:
+def draw_rig_plan(random: np.random.Generator, rig: np.random.Generator, shape: Shape, most: int
+             ) -> PilePlan:
     """One pile of a cell in which the container and the friction stay as they are; `rig` draws
     those, `random` the rest."""
-    container = deep_container(rig, shape, most)
+    container = draw_deep_container(rig, shape, most)
     friction = rig.uniform(*FRICTION)
-    return pile_in(random, shape, container, (friction, friction), most)
+    return draw_plan_in_container(random, shape, container, (friction, friction), most)
 
 
-def pile_in(random: np.random.Generator, shape: Shape, container: ContainerShape,
-            friction: tuple[float, float], most: int) -> Plan:
+def draw_plan_in_container(random: np.random.Generator, shape: Shape, container: ContainerShape,
+                           friction: tuple[float, float], most: int) -> PilePlan:
     """Any fill of a given container, the friction between two bounds."""
     return _filled(random, shape, container, most, _RIG_FILL, _surface(random, friction))
 
 
-def deep_container(random: np.random.Generator, shape: Shape, most: int) -> ContainerShape:
+def draw_deep_container(random: np.random.Generator, shape: Shape, most: int) -> ContainerShape:
     """A container about as deep as wide, as a cell may have it."""
     kind = _one_of(random, _RIG)
     return _container(random, shape, kind, _deep_size(random, shape, kind, most))
@@ -110,28 +110,30 @@ def _surface(random: np.random.Generator, friction: tuple[float, float]) -> dict
 
 
 def _filled(random: np.random.Generator, shape: Shape, container: ContainerShape, most: int,
-            fill: tuple[float, float], surface: dict) -> Plan:
+            fill: tuple[float, float], surface: dict) -> PilePlan:
     count = _capacity(container, shape) * random.uniform(*fill)
-    return Plan(shape, container, _column(container), int(np.clip(count, MIN_PARTS, most)),
-                **surface)
+    return PilePlan(shape, container, _column(container), int(np.clip(count, MIN_PARTS, most)),
+                    **surface)
 
 
-def box_plan(random: np.random.Generator, shape: Shape, most: int) -> Plan:
+def draw_box_plan(random: np.random.Generator, shape: Shape, most: int) -> PilePlan:
     """One scene like those of the paper's test set: a box about five parts wide, part to
     heaped full. Source: paper, section 4 and supplement, "Simulation"."""
     width = random.uniform(4, 6.5) * shape.part_size
     size = (width, width * random.uniform(1, 1.3), width * random.uniform(0.7, 1))
     container = _placed(random, "bin", size, width * random.uniform(0.01, 0.05), 0.0)
     count = _capacity(container, shape) * random.uniform(0.4, 1.1)
-    return Plan(shape, container, _column(container), int(np.clip(count, 20, min(most, 700))),
-                random.uniform(0.3, 0.6), random.uniform(0, 0.3))
+    return PilePlan(shape, container, _column(container), int(np.clip(count, 20, min(most, 700))),
+                    random.uniform(0.3, 0.6), random.uniform(0, 0.3))
 
 
 def _shallow_size(random: np.random.Generator, shape: Shape, kind: str, most: int) -> np.ndarray:
     """(3,) inner size in part sizes: a width, and the depth for which a full one holds a drawn
     number of parts, so that the fill drawn later does not depend on the width."""
     width = np.exp(random.uniform(*np.log(_WIDTH)))
-    length = width * (1.0 if kind in ROUND or random.random() < 0.4 else random.uniform(1, 1.8))
+    length = width * (
+        1.0 if kind in ROUND_KINDS or random.random() < 0.4 else random.uniform(1, 1.8)
+    )
     holds = min(np.exp(random.uniform(*np.log(_CAPACITY))), most)
     space = _space(shape)
     low, high = {"tray": (0.4, 1.5), "bowl": (0.3 * width, 0.5 * width),
@@ -148,7 +150,7 @@ def _shallow_size(random: np.random.Generator, shape: Shape, kind: str, most: in
 def _deep_size(random: np.random.Generator, shape: Shape, kind: str, most: int) -> np.ndarray:
     """(3,) inner size in part sizes: a form, and the width for which a full one holds a drawn
     number of parts; of parts so thin that four part sizes are too wide for that, a lower one."""
-    aspect = 1.0 if kind in ROUND or random.random() < 0.4 else random.uniform(1, 1.8)
+    aspect = 1.0 if kind in ROUND_KINDS or random.random() < 0.4 else random.uniform(1, 1.8)
     low, high = {"bowl": (0.3, 0.5), "cup": (0.8, 1.5)}.get(kind, (0.4, 1.2))
     form = random.uniform(low, high)  # depth over width
     space = min(np.exp(random.uniform(*np.log(_CAPACITY))), most) * _space(shape)
@@ -159,7 +161,7 @@ def _deep_size(random: np.random.Generator, shape: Shape, kind: str, most: int) 
 
 def _space(shape: Shape) -> float:
     """Room that one part takes in a pile, in cubes of the part size."""
-    return shape.unit_volume / shape.part_size**3 / packing_guess(shape)
+    return shape.unit_volume / shape.part_size**3 / expected_gamma(shape)
 
 
 def _container(random: np.random.Generator, shape: Shape, kind: str, inner: np.ndarray
@@ -189,21 +191,21 @@ def _capacity(container: ContainerShape, shape: Shape) -> float:
     (x, y), (u, w) = rings[..., :2].transpose(2, 0, 1), np.roll(rings[..., :2], -1, 1).transpose(
         2, 0, 1)
     volume = trapezoid(np.sum(x * w - u * y, axis=1) / 2, rings[:, 0, 2])
-    return float(volume) * packing_guess(shape) / shape.unit_volume
+    return float(volume) * expected_gamma(shape) / shape.unit_volume
 
 
 def _column(container: ContainerShape) -> np.ndarray:
     inner = np.array(container.inner_size_m[:2])
-    return inner * (0.7 if container.kind in ROUND else 0.95)  # the square in the circle
+    return inner * (0.7 if container.kind in ROUND_KINDS else 0.95)  # the square in the circle
 
 
-def _heap(random: np.random.Generator, shape: Shape, most: int, surface: dict) -> Plan:
+def _heap(random: np.random.Generator, shape: Shape, most: int, surface: dict) -> PilePlan:
     """Poured through a column; what lies farther out than a heap of a slope of some 15 degrees
     would reach is no part of it."""
     count = int(np.exp(random.uniform(*np.log((20, min(most, 700))))))
-    volume = count * shape.unit_volume / packing_guess(shape)
+    volume = count * shape.unit_volume / expected_gamma(shape)
     radius = max((3 * volume / (np.pi * np.tan(np.deg2rad(15)))) ** (1 / 3),
                  2.5 * shape.part_size)
     region = _placed(random, "none", (2 * radius, 2 * radius, 0.0), 0.0, 0.0)
     side = random.uniform(0.5, 1.2) * radius
-    return Plan(shape, region, np.array([side, side]), count, **surface)
+    return PilePlan(shape, region, np.array([side, side]), count, **surface)

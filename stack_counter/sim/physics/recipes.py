@@ -10,12 +10,12 @@ import numpy as np
 from stack_counter.sim.physics.collision import convex_pieces
 from stack_counter.sim.physics.plans import (
     MAX_PARTS,
-    Plan,
-    box_plan,
-    deep_plan,
-    mixed_plan,
-    rig_plan,
-    shallow_plan,
+    PilePlan,
+    draw_box_plan,
+    draw_deep_plan,
+    draw_mixed_plan,
+    draw_rig_plan,
+    draw_shallow_plan,
 )
 from stack_counter.sim.shapes import FAMILIES, Shape, make_shape
 
@@ -23,8 +23,12 @@ SCENES_PER_SHAPE = 3  # one after the other, as in the paper: their convex piece
 SCENES_PER_RIG = 9  # of the plan `rig`
 # Convex pieces in a scene, at most: what the engine settles within seconds, or in half a minute.
 _PIECES = {"shallow": 1500, "deep": 2000, "mixed": 2000, "box": 3000, "rig": 2000}
-PLANS: dict[str, Callable[[np.random.Generator, Shape, int], Plan]] = {
-    "shallow": shallow_plan, "deep": deep_plan, "mixed": mixed_plan, "box": box_plan}
+PLANS: dict[str, Callable[[np.random.Generator, Shape, int], PilePlan]] = {
+    "shallow": draw_shallow_plan,
+    "deep": draw_deep_plan,
+    "mixed": draw_mixed_plan,
+    "box": draw_box_plan,
+}
 
 
 @dataclass(frozen=True)
@@ -56,16 +60,16 @@ class Recipe:
         return make_shape(int(random.integers(2**31)), str(random.choice(list(FAMILIES))))
 
     def draw(self, random: np.random.Generator, shape: Shape, pieces: int, seed: int, index: int
-             ) -> Plan:
+             ) -> PilePlan:
         """A plan of scene `index` for a part that collides as so many convex pieces."""
         most = min(MAX_PARTS, _PIECES[self.plan] // pieces)
         if self.plan == "rig":
             rig = np.random.default_rng([seed, index // SCENES_PER_RIG, 0x416])
-            return rig_plan(random, rig, shape, most)
+            return draw_rig_plan(random, rig, shape, most)
         return PLANS[self.plan](random, shape, most)
 
 
-def most_parts(shape: Shape) -> int:
+def max_simulated_parts(shape: Shape) -> int:
     """Parts of a pile that the engine settles in a few seconds.
 
     Raises:

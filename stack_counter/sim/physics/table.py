@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from stack_counter import geometry
 from stack_counter.sim.scenes.containers import ContainerShape
-from stack_counter.sim.scenes.scene import Scene, pack, unpack
+from stack_counter.sim.scenes.pose_packing import pack_poses, unpack_poses
+from stack_counter.sim.scenes.scene import Scene
 from stack_counter.sim.shapes import Shape
 
 _APART = 1.5  # part diagonals between the middles of neighbours, on average
@@ -28,7 +29,7 @@ def lay_out_pieces(shape: Shape, pieces: int, seed: int, index: int = 0) -> Scen
     diagonal = float(np.linalg.norm(np.ptp(shape.vertices, axis=0)))
     columns = int(np.ceil(np.sqrt(pieces)))
     rows = -(-pieces // columns)
-    turns, weights = rest_turns(shape)
+    turns, weights = rest_rotations(shape)
     chosen = _chosen(random, weights, pieces)
     poses = []
     for i, k in enumerate(chosen):
@@ -41,7 +42,7 @@ def lay_out_pieces(shape: Shape, pieces: int, seed: int, index: int = 0) -> Scen
         poses.append([*place, -lowest, *turn.as_quat()])
     side = max(columns, rows) * _APART * diagonal
     ground = ContainerShape("none", geometry.pose(np.eye(3), np.zeros(3)), (side, side, 0.0))
-    return Scene(seed, index, shape, ground, unpack(*pack(np.array(poses))))
+    return Scene(seed, index, shape, ground, unpack_poses(pack_poses(np.array(poses))))
 
 
 def _chosen(random: np.random.Generator, weights: np.ndarray, pieces: int) -> list[int]:
@@ -53,7 +54,7 @@ def _chosen(random: np.random.Generator, weights: np.ndarray, pieces: int) -> li
     return out
 
 
-def rest_turns(shape: Shape) -> tuple[np.ndarray, np.ndarray]:
+def rest_rotations(shape: Shape) -> tuple[np.ndarray, np.ndarray]:
     """(n, 3, 3) rotations in which a part rests, the likeliest first, and their probabilities."""
     places, chances = trimesh.poses.compute_stable_poses(
         shape.mesh.convex_hull, center_mass=np.zeros(3), n_samples=1)

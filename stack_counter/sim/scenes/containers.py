@@ -16,7 +16,7 @@ from stack_counter.errors import StackCounterError
 from stack_counter.types import Mesh
 
 KINDS = ("bin", "cylinder", "bowl", "cup", "tray", "bag", "none")
-ROUND = ("cylinder", "bowl", "cup")
+ROUND_KINDS = ("cylinder", "bowl", "cup")
 _SIDES = 48  # of a round outline
 _BOWL_FOOT = 0.35  # radius of a bowl's flat floor over that of its rim
 _SLOPE = 0.7  # by which collision walls grow outwards below the rim: thin walls hold fast parts
@@ -25,8 +25,15 @@ _SLOPE = 0.7  # by which collision walls grow outwards below the rim: thin walls
 class ContainerError(StackCounterError):
     """A container of no use: an unknown kind, or sizes that leave no room inside."""
 # What a reconstruction makes of a kind: one of `types.CONTAINER_KINDS`.
-FOUND_AS = {"bin": "box", "tray": "box", "cylinder": "round", "bowl": "round", "cup": "round",
-            "bag": "free", "none": "none"}
+RECONSTRUCTED_KIND = {
+    "bin": "box",
+    "tray": "box",
+    "cylinder": "round",
+    "bowl": "round",
+    "cup": "round",
+    "bag": "free",
+    "none": "none",
+}
 
 
 @dataclass(frozen=True)
@@ -69,7 +76,7 @@ class ContainerShape:
                                  f"{np.rad2deg(self.draft_rad):.0f} degrees closes at its floor")
 
     @property
-    def rim_m(self) -> float:
+    def rim_height_m(self) -> float:
         """Height of the rim above the support plane; 0 for a heap."""
         return self.floor_thickness_m + self.inner_size_m[2] if self.kind != "none" else 0.0
 
@@ -88,20 +95,20 @@ class ContainerShape:
         if self.kind == "none":
             return np.pad(rim, ((0, 0), (0, 1)))[None]
         levels = np.linspace(0, 1, {"bowl": 9, "bag": 6}.get(self.kind, 2))
-        rings = [np.column_stack([self._outline(rim, u), np.full(len(rim), u * depth)])
+        rings = [np.column_stack([self._outline_at(rim, u), np.full(len(rim), u * depth)])
                  for u in levels]
         return np.array(rings) + [0, 0, self.floor_thickness_m]
 
-    def _outline(self, rim: np.ndarray, level: float) -> np.ndarray:
+    def _outline_at(self, rim: np.ndarray, level: float) -> np.ndarray:
         """(n, 2) outline at a share of the depth."""
         down = 1 - level
         if self.kind == "bowl":
             return rim * np.sqrt(1 - (1 - _BOWL_FOOT**2) * down**2)
         if self.kind == "bag":
-            return rim * (1 - down * self._folds(rim) - 0.10 * down**3)[:, None]
-        return rim - _outward(rim) * (down * self.inner_size_m[2] * np.tan(self.draft_rad))
+            return rim * (1 - down * self._fold_depths(rim) - 0.10 * down**3)[:, None]
+        return rim - _outward_offsets(rim) * (down * self.inner_size_m[2] * np.tan(self.draft_rad))
 
-    def _folds(self, rim: np.ndarray) -> np.ndarray:
+    def _fold_depths(self, rim: np.ndarray) -> np.ndarray:
         """(n,) how far a bag's wall leans in, as a share, around the outline: 0 to 0.12."""
         random = np.random.default_rng([self.seed, 0xBA6])
         angle = np.arctan2(rim[:, 1], rim[:, 0])
@@ -114,7 +121,7 @@ class ContainerShape:
         """(n, 2) outline of the rim opening, counter-clockwise, container frame, metres."""
         return self.inner_rings[-1][:, :2]
 
-    def over_opening(self, points: np.ndarray) -> np.ndarray:
+    def is_over_opening(self, points: np.ndarray) -> np.ndarray:
         """(...) bool: the points (..., 2 or 3) of the container frame lie over the opening."""
         x, y = np.asarray(points)[..., 0, None], np.asarray(points)[..., 1, None]
         (ax, ay), (bx, by) = self.opening.T, np.roll(self.opening, -1, axis=0).T
@@ -126,17 +133,19 @@ class ContainerShape:
         """The whole container in the world, closed; None for a heap."""
         if self.kind == "none":
             return None
-        outer = self.inner_rings + _lifted(self.inner_rings, self.wall_thickness_m)
+        outer = self.inner_rings + _outward_moves(self.inner_rings, self.wall_thickness_m)
         foot = outer[:1] * [1, 1, 0]
-        return self._surface(np.concatenate([foot, outer, self.inner_rings[::-1]]), closed=True)
+        return self._mesh_from_rings(
+            np.concatenate([foot, outer, self.inner_rings[::-1]]), closed=True
+        )
 
     def inner_mesh(self) -> Mesh | None:
         """Inner wall and floor in the world, seen from inside; None for a heap."""
         if self.kind == "none":
             return None
-        return self._surface(self.inner_rings[::-1], closed=False)
+        return self._mesh_from_rings(self.inner_rings[::-1], closed=False)
 
-    def _surface(self, rings: np.ndarray, closed: bool) -> Mesh:
+    def _mesh_from_rings(self, rings: np.ndarray, closed: bool) -> Mesh:
         """Joins rings, and ends at the middle of the last one (and of the first if closed)."""
         k, n = rings.shape[:2]
         a, b = np.arange(n), np.roll(np.arange(n), -1)
@@ -156,8 +165,8 @@ class ContainerShape:
         if self.kind == "none":
             return []
         rings = self.inner_rings
-        deeper = self.wall_thickness_m + _SLOPE * (self.rim_m - rings[:, :, 2])
-        outer = rings + _lifted(rings, 1.0) * deeper[..., None]
+        deeper = self.wall_thickness_m + _SLOPE * (self.rim_height_m - rings[:, :, 2])
+        outer = rings + _outward_moves(rings, 1.0) * deeper[..., None]
         pieces = []
         for k in range(len(rings) - 1):
             loops = np.stack([rings[k], rings[k + 1], outer[k], outer[k + 1]])  # (4, n, 3)
@@ -166,7 +175,7 @@ class ContainerShape:
         return pieces + [np.concatenate([rings[0], below])]
 
 
-def _outward(outline: np.ndarray) -> np.ndarray:
+def _outward_offsets(outline: np.ndarray) -> np.ndarray:
     """(n, 2) by how much each corner moves when every side moves out by one (mitred)."""
     side = np.roll(outline, -1, axis=0) - outline
     normal = np.stack([side[:, 1], -side[:, 0]], axis=1)
@@ -175,9 +184,12 @@ def _outward(outline: np.ndarray) -> np.ndarray:
     return (normal + before) / (1 + np.sum(normal * before, axis=1, keepdims=True))
 
 
-def _lifted(rings: np.ndarray, distance: float) -> np.ndarray:
+def _outward_moves(rings: np.ndarray, distance: float) -> np.ndarray:
     """(k, n, 3) horizontal outward moves of all rings' corners."""
-    return np.stack([np.pad(_outward(ring[:, :2]), ((0, 0), (0, 1))) for ring in rings]) * distance
+    return (
+        np.stack([np.pad(_outward_offsets(ring[:, :2]), ((0, 0), (0, 1))) for ring in rings])
+        * distance
+    )
 
 
 def _rounded_rectangle(x: float, y: float, radius: float) -> np.ndarray:

@@ -9,7 +9,7 @@ import open3d.core as o3c
 from stack_counter.types import Mesh
 
 
-class Caster:
+class RayCaster:
     """A mesh that rays are cast on."""
 
     def __init__(self, mesh: Mesh):
@@ -20,7 +20,7 @@ class Caster:
                                       o3c.Tensor(mesh.triangles.astype(np.uint32)))
         self._empty = len(mesh.triangles) == 0
 
-    def heights(self, xy: np.ndarray) -> np.ndarray:
+    def surface_heights(self, xy: np.ndarray) -> np.ndarray:
         """(...) float64 z of the highest surface at points (..., 2); -inf where there is none."""
         if self._empty:
             return np.full(xy.shape[:-1], -np.inf)
@@ -28,6 +28,6 @@ class Caster:
         rays[..., :2], rays[..., 2], rays[..., 5] = xy, self._above, -1
         return self._above - self._scene.cast_rays(o3c.Tensor(rays))["t_hit"].numpy().astype(float)
 
-    def holds(self, points: np.ndarray) -> np.ndarray:
+    def contains(self, points: np.ndarray) -> np.ndarray:
         """(...) bool: the points (..., 3) lie inside the mesh, which is closed."""
         return self._scene.compute_occupancy(o3c.Tensor(points.astype(np.float32))).numpy() > 0.5

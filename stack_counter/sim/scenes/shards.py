@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenes in files: a shard holds consecutive scenes, packed, with their truth.
 
 A shard is a zip of arrays with checksums, written beside its place and moved there whole. Parts
@@ -16,114 +17,150 @@ from typing import Any
 import numpy as np
 
 from stack_counter.sim.scenes.containers import ContainerShape
-from stack_counter.sim.scenes.scene import Scene, SceneError, pack, unpack
+from stack_counter.sim.scenes.pose_packing import PackedPoses, pack_poses, unpack_poses
+from stack_counter.sim.scenes.scene import Scene, SceneError
 from stack_counter.sim.scenes.truth import Truth
 from stack_counter.sim.shapes import FAMILIES, Shape, make_shape
 from stack_counter.sim.shapes.library import load_shapes
 
-SCENES = 50  # of a shard
-LIBRARY = "shapes.npz"
+SCENES_PER_SHARD = 50
+LIBRARY_FILE = "shapes.npz"
 _FORMAT = "stack_counter scenes 1"
-_TRUTH = ("stack_volume", "fill", "gamma_whole", "gamma_center")
-_SCENE = ("friction", "restitution", "taps")
-_CONTAINER = ("kind", "T_world_container", "inner_size_m", "wall_thickness_m",
-              "floor_thickness_m", "draft_rad", "seed")
-_SAME_VOLUME = 1e-6  # relative, of a part as made again
+# Fields that a shard stores under their own names (those of the container behind "container_").
+_TRUTH_FIELDS = ("stack_volume", "fill", "gamma_whole", "gamma_center")
+_SCENE_FIELDS = ("friction", "restitution", "taps")
+_CONTAINER_FIELDS = ("kind", "T_world_container", "inner_size_m", "wall_thickness_m",
+                     "floor_thickness_m", "draft_rad", "seed")
+# Relative difference of a part's volume above which it is another part than when it was stored:
+# above the rounding of a float64 sum, below any change of a generator.
+_VOLUME_TOLERANCE = 1e-6
 
 
 def shard_path(folder: Path, number: int) -> Path:
-    """File of scenes `number` * SCENES and following."""
+    """The file of scenes `number` * SCENES_PER_SHARD and following."""
     return folder / f"shard_{number:05d}.npz"
 
 
-def write_shard(path: Path, scenes: list[Scene], skipped: Counter[str]) -> None:
+def write_shard(path: Path, scenes: list[Scene], failed_tries: Counter[str]) -> None:
     """Writes scenes of one seed, and how many tries failed for which reason, all or nothing.
 
     Raises:
         OSError: e.g. the disk is full; what was written is removed.
     """
-    packed = [pack(scene.poses) for scene in scenes]
-    reasons = sorted(skipped)
-    arrays: dict[str, Any] = {
+    arrays = _packed_arrays(scenes, failed_tries)
+    unfinished = path.with_suffix(".part")
+    try:
+        with open(unfinished, "wb") as file:
+            np.savez_compressed(file, **arrays)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(unfinished, path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _packed_arrays(scenes: list[Scene], failed_tries: Counter[str]) -> dict[str, Any]:
+    """The arrays of a shard by name; their order is part of the format."""
+    packed = [pack_poses(scene.poses) for scene in scenes]
+    reasons = sorted(failed_tries)
+    return {
         "format": _FORMAT, "seed": scenes[0].seed, "index": [s.index for s in scenes],
         "family": [s.shape.family for s in scenes], "shape_seed": [s.shape.seed for s in scenes],
         "unit_volume": [s.shape.unit_volume for s in scenes],
         "count": np.array([len(s.poses) for s in scenes], np.int32),
-        "frame": np.array([frame for frame, _, _ in packed]),
-        "positions": np.concatenate([positions for _, positions, _ in packed]),
-        "turns": np.concatenate([turns for _, _, turns in packed]),
-        "skipped_reason": np.array(reasons, str), "skipped": [skipped[r] for r in reasons],
+        "frame": np.array([poses.frame for poses in packed]),
+        "positions": np.concatenate([poses.positions for poses in packed]),
+        "turns": np.concatenate([poses.turns for poses in packed]),
+        "skipped_reason": np.array(reasons, str),
+        "skipped": [failed_tries[reason] for reason in reasons],
         **{f"container_{name}": [getattr(s.container, name) for s in scenes]
-           for name in _CONTAINER},
-        **{name: [getattr(s, name) for s in scenes] for name in _SCENE},
-        **{name: [getattr(s.truth, name) for s in scenes] for name in _TRUTH}}
-    half = path.with_suffix(".part")
-    try:
-        with open(half, "wb") as file:
-            np.savez_compressed(file, **arrays)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(half, path)
-    finally:
-        half.unlink(missing_ok=True)
+           for name in _CONTAINER_FIELDS},
+        **{name: [getattr(s, name) for s in scenes] for name in _SCENE_FIELDS},
+        **{name: [getattr(s.truth, name) for s in scenes] for name in _TRUTH_FIELDS}}
 
 
 def read_shard(path: Path) -> list[Scene]:
-    """The scenes of a file.
+    """Reads the scenes of a file.
 
     Raises:
         SceneError: damaged, not a shard, or made by generators that give other parts.
     """
-    data = _arrays(path)
-    ends = np.cumsum(data["count"])
-    library = load_shapes(path.parent / LIBRARY) if not set(data["family"]) <= set(FAMILIES) \
-        else []
+    data = _read_arrays(path)
+    library = load_shapes(path.parent / LIBRARY_FILE) \
+        if not set(data["family"]) <= set(FAMILIES) else []
     shape: Shape | None = None
     scenes = []
-    for i, end in enumerate(ends):
+    for i, end in enumerate(np.cumsum(data["count"])):
+        # The part: scenes of the same one stand side by side
         family, seed = str(data["family"][i]), int(data["shape_seed"][i])
-        v = float(data["unit_volume"][i])
         if shape is None or (shape.family, shape.seed) != (family, seed):
-            shape = make_shape(seed, family) if family in FAMILIES else next(
-                (part for part in library if (part.family, part.seed) == (family, seed)), None)
-        if shape is None:
-            raise SceneError(f"{path}: {LIBRARY} beside it lacks part {seed}, {family}")
-        if abs(shape.unit_volume / v - 1) > _SAME_VOLUME:
-            raise SceneError(f"{path}: {family} {seed} has {shape.unit_volume} m3; expected {v}, "
-                             "as when the scene was made: another version of the generators")
+            shape = _find_shape(family, seed, library, path)
+        _check_volume(shape, float(data["unit_volume"][i]), path)
+        # Poses, container and truth
         count = int(data["count"][i])
-        poses = unpack(data["frame"][i], data["positions"][end - count:end],
-                       data["turns"][end - count:end])
-        container = ContainerShape(**{name: _plain(data[f"container_{name}"][i])
-                                      for name in _CONTAINER})
-        truth = Truth(count, shape.unit_volume, **{n: float(data[n][i]) for n in _TRUTH})
+        poses = unpack_poses(PackedPoses(data["frame"][i], data["positions"][end - count:end],
+                                         data["turns"][end - count:end]))
+        container = ContainerShape(**{name: _to_python(data[f"container_{name}"][i])
+                                      for name in _CONTAINER_FIELDS})
+        truth = Truth(count, shape.unit_volume, **{n: float(data[n][i]) for n in _TRUTH_FIELDS})
         scenes.append(Scene(int(data["seed"]), int(data["index"][i]), shape, container, poses,
-                            **{n: data[n][i].item() for n in _SCENE}, stored_truth=truth))
+                            **{n: data[n][i].item() for n in _SCENE_FIELDS}, stored_truth=truth))
     return scenes
 
 
-def read_skipped(path: Path) -> Counter[str]:
-    """Failed tries by reason. Raises SceneError as `read_shard`."""
-    data = _arrays(path)
+def _find_shape(family: str, seed: int, library: list[Shape], path: Path) -> Shape:
+    """The part of a scene, generated or from the library beside the shard."""
+    if family in FAMILIES:
+        return make_shape(seed, family)
+    for shape in library:
+        if (shape.family, shape.seed) == (family, seed):
+            return shape
+    raise SceneError(f"{path}: {LIBRARY_FILE} beside it lacks part {seed}, {family}")
+
+
+def _check_volume(shape: Shape, expected: float, path: Path) -> None:
+    """Refuses a part that other generators than those of the scene have made."""
+    if abs(shape.unit_volume / expected - 1) > _VOLUME_TOLERANCE:
+        raise SceneError(f"{path}: {shape.family} {shape.seed} has {shape.unit_volume} m3; "
+                         f"expected {expected}, as when the scene was made: another version of "
+                         "the generators")
+
+
+def read_failed_tries(path: Path) -> Counter[str]:
+    """Number of failed tries by reason.
+
+    Raises:
+        SceneError: damaged, or not a shard.
+    """
+    data = _read_arrays(path)
     return Counter(dict(zip(data["skipped_reason"].tolist(), data["skipped"].tolist())))
 
 
-def read_scenes(folder: Path, most: int | None = None) -> Iterator[Scene]:
-    """All scenes of a folder in order of their index, or the first `most`.
+def read_scenes(folder: Path, limit: int | None = None) -> Iterator[Scene]:
+    """All scenes of a folder in order of their index, or the first `limit`.
 
     Raises:
         SceneError: no shard there, or a damaged one.
     """
+    yielded = 0
+    for path in shard_paths(folder):
+        for scene in read_shard(path):
+            if yielded == limit:
+                return
+            yielded += 1
+            yield scene
+
+
+def shard_paths(folder: Path) -> list[Path]:
+    """The shards of a folder in order.
+
+    Raises:
+        SceneError: there is none.
+    """
     paths = sorted(folder.glob("shard_*.npz"))
     if not paths:
         raise SceneError(f"no shard_*.npz in {folder}; expected those that simulate writes")
-    given = 0
-    for path in paths:
-        for scene in read_shard(path):
-            if given == most:
-                return
-            given += 1
-            yield scene
+    return paths
 
 
 def find_scene(name: str) -> Scene:
@@ -136,7 +173,7 @@ def find_scene(name: str) -> Scene:
     folder, _, index = name.rpartition(":")
     if not folder or not index.isdecimal():
         raise SceneError(f"scene '{name}'; expected DIR:INDEX, e.g. data/unseen:12")
-    path = shard_path(Path(folder), int(index) // SCENES)
+    path = shard_path(Path(folder), int(index) // SCENES_PER_SHARD)
     found = [s for s in read_shard(path) if s.index == int(index)] if path.exists() else []
     if not found:
         raise FileNotFoundError(f"no scene {index} in {folder}; expected one that simulate made "
@@ -144,15 +181,21 @@ def find_scene(name: str) -> Scene:
     return found[0]
 
 
-def _plain(value: Any) -> Any:
-    """A number, text or tuple of an array's element; matrices stay arrays."""
+def _to_python(value: Any) -> Any:
+    """The number, text or tuple of an array's element; matrices stay arrays."""
     if isinstance(value, np.ndarray) and value.ndim == 2:
         return value
-    return tuple(value.tolist()) if isinstance(value, np.ndarray) else value.item() \
-        if isinstance(value, np.generic) else value
+    if isinstance(value, np.ndarray):
+        return tuple(value.tolist())
+    return value.item() if isinstance(value, np.generic) else value
 
 
-def _arrays(path: Path) -> dict[str, np.ndarray]:
+def _read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """All arrays of a shard, its format and counts checked.
+
+    Raises:
+        SceneError: damaged, or not a shard.
+    """
     try:
         with np.load(path, allow_pickle=False) as file:
             data = {name: file[name] for name in file.files}

@@ -8,7 +8,7 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.sim.scenes.containers import ContainerShape
-from stack_counter.sim.scenes.ray_caster import Caster
+from stack_counter.sim.scenes.ray_caster import RayCaster
 from stack_counter.sim.shapes import Shape
 from stack_counter.types import Mesh
 
@@ -67,16 +67,16 @@ def measure_truth(container: ContainerShape, shape: Shape, parts: Mesh, poses: n
     rows, cols = np.mgrid[:cells[1], :cells[0]]
     centres = low + (np.stack([cols, rows], axis=-1) + 0.5) * (high - low) / cells
     xy = centres @ T[:2, :2].T + T[:2, 3]
-    top, inner = Caster(parts).heights(xy), container.inner_mesh()
+    top, inner = RayCaster(parts).surface_heights(xy), container.inner_mesh()
     if inner is None:
         mean = float(np.maximum(top, 0).mean())
         return Truth(count, v, mean * area, mean / shape.part_size, np.nan, np.nan)
-    floor = Caster(inner).heights(xy)
+    floor = RayCaster(inner).surface_heights(xy)
     inside = np.isfinite(floor)  # cells of the opening; they stand for its exact area
     mean = float(np.maximum(top[inside] - floor[inside], 0).mean())
-    capacity = float((container.rim_m - floor[inside]).mean()) * area
+    capacity = float((container.rim_height_m - floor[inside]).mean()) * area
     return Truth(count, v, mean * area, mean / container.inner_size_m[2], count * v / capacity,
-                 _gamma_center(container, shape, poses, turns))
+                 _central_gamma(container, shape, poses, turns))
 
 
 def _area(outline: np.ndarray) -> float:
@@ -84,10 +84,10 @@ def _area(outline: np.ndarray) -> float:
     return float(np.sum(x * w - u * y)) / 2
 
 
-def _gamma_center(container: ContainerShape, shape: Shape, poses: np.ndarray, turns: np.ndarray
+def _central_gamma(container: ContainerShape, shape: Shape, poses: np.ndarray, turns: np.ndarray
                   ) -> float:
     """Share of the central half box that parts fill, from points spread inside each part."""
-    points = inner_points(shape, _POINTS)
+    points = sample_inside(shape, _POINTS)
     placed = np.einsum("nij,pj->npi", turns, points) + poses[:, None, :3]
     size = np.array(container.inner_size_m)
     middle = np.array([0, 0, container.floor_thickness_m + size[2] / 2])
@@ -95,11 +95,11 @@ def _gamma_center(container: ContainerShape, shape: Shape, poses: np.ndarray, tu
     return float(within.sum() / len(points) * shape.unit_volume / np.prod(size / 2))
 
 
-def inner_points(shape: Shape, count: int) -> np.ndarray:
+def sample_inside(shape: Shape, count: int) -> np.ndarray:
     """(n, 3) points on a grid inside the part, its frame, metres; about `count` of them."""
     low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
     pitch = (shape.unit_volume / count) ** (1 / 3)
     sides = np.maximum(np.round((high - low) / pitch), 1).astype(int)
     axes = [a + (np.arange(n) + 0.5) * (b - a) / n for a, b, n in zip(low, high, sides)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return grid[Caster(Mesh(shape.vertices.astype(np.float32), shape.faces)).holds(grid)]
+    return grid[RayCaster(Mesh(shape.vertices.astype(np.float32), shape.faces)).contains(grid)]

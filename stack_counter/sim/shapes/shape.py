@@ -16,7 +16,7 @@ MIN_FILL = 1e-4  # least V / part_size**3; less is a sheet without thickness
 
 # Maximum of kappa / diagonal over `make_shape(seed)` for seeds 0..1999, the training families:
 # kappa_0 of the paper's section 4.5.
-KAPPA_0 = 36.6
+REFERENCE_CURVATURE = 36.6
 
 
 class ShapeError(StackCounterError):
@@ -75,7 +75,7 @@ class Shape:
     @cached_property
     def complexity(self) -> float:
         """Surface complexity C. Source: 3DC, section 4.5."""
-        return self.scaled_curvature / KAPPA_0 + 1 - self.convexity
+        return self.scaled_curvature / REFERENCE_CURVATURE + 1 - self.convexity
 
 
 def shape_from_mesh(vertices: np.ndarray, faces: np.ndarray, family: str, seed: int = -1,

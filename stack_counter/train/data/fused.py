@@ -12,7 +12,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.occupancy.maps import stack_maps
 from stack_counter.pipeline import StackCounter
-from stack_counter.sim import FOUND_AS, Scene, record, record_fixed_camera
+from stack_counter.sim import RECONSTRUCTED_KIND, Scene, record, record_fixed_camera
 from stack_counter.train.data.heights import Sample, form_of, read_samples
 from stack_counter.types import StackVolume
 
@@ -67,7 +67,7 @@ def scan(scene: Scene, one_view: bool = False) -> Scan | None:
     of = Sample(maps, truth.gamma, form_of(scene), truth.unit_volume ** (1 / 3), name,
                 scene.shape.family, scene.container.kind, truth.count, truth.fill)
     return Scan(of, truth.stack_volume, volume.stack_volume, volume.stack_volume_std,
-                volume.container.kind == FOUND_AS[scene.container.kind])
+                volume.container.kind == RECONSTRUCTED_KIND[scene.container.kind])
 
 
 def read_scans(folder: Path) -> list[Scan]:

@@ -20,7 +20,7 @@ from tqdm import tqdm
 from stack_counter import geometry
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, make_maps
 from stack_counter.reconstruction.stack_volume import filled
-from stack_counter.sim import Caster, Scene, read_shard
+from stack_counter.sim import RayCaster, Scene, read_shard
 
 _STEPS = 500  # of a height in l, as kept
 _VIEWS, _TILTS = 12, (12, 28, 42)  # of the arc, degrees from the vertical
@@ -66,12 +66,12 @@ def ideal_surface(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     cols, rows = np.maximum(np.round((high - low) / pitch).astype(int), 1)
     grid = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1) + 0.5
     xy = ((low + high) / 2 + (grid - np.array([cols, rows]) / 2) * pitch) @ T[:2, :2].T + T[:2, 3]
-    top, inside = Caster(parts).heights(xy), box.inner_mesh()
+    top, inside = RayCaster(parts).surface_heights(xy), box.inner_mesh()
     if inside is None:
         top = np.maximum(top, 0) / length
         stack = ndimage.binary_fill_holes(top > 0.05)
         return top.astype(np.float32), np.zeros_like(top, np.float32), stack
-    inner = Caster(inside).heights(xy)
+    inner = RayCaster(inside).surface_heights(xy)
     valid = np.isfinite(inner)
     inner = np.where(valid, inner, 0)
     top = np.where(valid, np.maximum(top, inner), 0)
@@ -108,7 +108,7 @@ def sample(scene: Scene) -> Sample:
     top, inner, valid = ideal_surface(scene)
     length = scene.truth.unit_volume ** (1 / 3)
     random = np.random.default_rng([scene.seed, scene.index, 0x5EE])
-    seen = seen_by_arc(top, valid, scene.container.rim_m / length, random)
+    seen = seen_by_arc(top, valid, scene.container.rim_height_m / length, random)
     if seen.any():
         top = np.where(valid, filled(np.where(seen, top, np.nan), seen), 0).astype(np.float32)
     maps = make_maps(top, inner, valid, walled=scene.container.kind != "none")

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from stack_counter.sim.physics.drop import MAX_PENETRATION, make_scene, simulate_pile
-from stack_counter.sim.physics.plans import Plan
+from stack_counter.sim.physics.plans import PilePlan
 from stack_counter.sim.physics.recipes import Recipe
 from stack_counter.sim.scenes.containers import ContainerShape
-from stack_counter.sim.scenes.scene import SceneError, rotations
+from stack_counter.sim.scenes.scene import SceneError, rotation_matrices
 from stack_counter.sim.shapes import make_shape
 
 pytest.importorskip("sapien", reason="the physics engine has no wheel for this Python")
@@ -28,14 +28,14 @@ def box(kind, width, depth, draft=0.0, shape=BLOCK):
 
 def poured(container, count, shape=BLOCK, seed=0, **how):
     return simulate_pile(
-        Plan(shape, container, 0.7 * np.array(container.inner_size_m[:2]), count, **how),
+        PilePlan(shape, container, 0.7 * np.array(container.inner_size_m[:2]), count, **how),
         np.random.default_rng(seed),
     )
 
 
 def vertices(scene):
     """(n, v, 3) corners of the parts in the container's frame."""
-    return np.einsum("nij,vj->nvi", rotations(scene.poses), scene.shape.vertices) \
+    return np.einsum("nij,vj->nvi", rotation_matrices(scene.poses), scene.shape.vertices) \
         + scene.poses[:, None, :3]
 
 
@@ -56,7 +56,7 @@ def overlap(a, b, half):
 def outside(container, points):
     """Metres by which points below the rim lie outside of the inner wall, in closed form."""
     x, y, depth = container.inner_size_m
-    down = np.clip((container.rim_m - points[:, 2]) / depth, 0, 1)
+    down = np.clip((container.rim_height_m - points[:, 2]) / depth, 0, 1)
     if container.kind == "bin":
         tan = np.tan(container.draft_rad)
         half = np.array([x, y]) / 2 - (down * depth * tan)[:, None]
@@ -76,7 +76,7 @@ def outside(container, points):
 def test_walls_hold_the_parts(container, count):
     scene = poured(container, count, taps=3)
     points = vertices(scene).reshape(-1, 3)
-    held = points[points[:, 2] < container.rim_m]
+    held = points[points[:, 2] < container.rim_height_m]
     assert len(scene.poses) >= 0.75 * count and len(held) > 0.5 * len(points)
     assert outside(container, held).max() < 0.03 * SIZE
     assert points[:, 2].min() > container.floor_thickness_m - 0.03 * SIZE
@@ -88,7 +88,7 @@ def test_walls_hold_the_parts(container, count):
 def test_resting_parts_hardly_overlap():
     scene = poured(box("bin", 5, 2.5), 80)
     half = np.ptp(BLOCK.vertices, axis=0) / 2
-    parts = list(zip(rotations(scene.poses), scene.poses[:, :3]))
+    parts = list(zip(rotation_matrices(scene.poses), scene.poses[:, :3]))
     near = [pair for pair in itertools.combinations(parts, 2)
             if np.linalg.norm(pair[0][1] - pair[1][1]) < 2 * np.linalg.norm(half)]
     depths = [overlap(*pair, half) for pair in near]
@@ -118,7 +118,7 @@ def test_parts_that_fall_beside_are_no_part_of_the_scene():
     container = box("bin", 4, 1)
     scene = poured(container, 150)  # several times what it holds
     assert 12 <= len(scene.poses) < 150
-    assert container.over_opening(scene.poses[:, :3]).all() and (scene.poses[:, 2] > 0).all()
+    assert container.is_over_opening(scene.poses[:, :3]).all() and (scene.poses[:, 2] > 0).all()
 
 
 @pytest.mark.parametrize("container", [

@@ -7,7 +7,7 @@ from scipy.spatial import ConvexHull
 
 from stack_counter import geometry
 from stack_counter.sim.scenes.containers import KINDS, ContainerError, ContainerShape
-from stack_counter.sim.scenes.ray_caster import Caster
+from stack_counter.sim.scenes.ray_caster import RayCaster
 
 SIZE, WALL, FLOOR = (0.2, 0.14, 0.1), 0.006, 0.004
 CLOSED = [kind for kind in KINDS if kind != "none"]
@@ -48,12 +48,14 @@ def test_the_mesh_is_a_closed_body_of_the_sizes_asked_for(kind):
     rim, floor = box.inner_rings[-1], box.inner_rings[0]
     np.testing.assert_allclose(np.ptp(rim[:, :2], axis=0), SIZE[:2], rtol=1e-12)
     np.testing.assert_allclose(rim[:, :2].max(axis=0), np.array(SIZE[:2]) / 2, rtol=1e-12)
-    assert (rim[:, 2] == box.rim_m).all() and box.rim_m == pytest.approx(SIZE[2] + FLOOR)
+    assert (rim[:, 2] == box.rim_height_m).all() and box.rim_height_m == pytest.approx(
+        SIZE[2] + FLOOR
+    )
     assert (floor[:, 2] == FLOOR).all()
-    np.testing.assert_allclose(body.bounds[:, 2], [0, box.rim_m], atol=1e-7)
+    np.testing.assert_allclose(body.bounds[:, 2], [0, box.rim_height_m], atol=1e-7)
     # Whatever lies within the inner wall is inside the container, hence in no wall.
     points = between_rings(box, np.random.default_rng(0), 300) * [0.9, 0.9, 1] + [0, 0, 1e-4]
-    assert not Caster(mesh).holds(points).any()
+    assert not RayCaster(mesh).contains(points).any()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -61,7 +63,7 @@ def test_the_rim_opening_is_the_widest_outline(kind):
     box = container(kind)
     assert (np.linalg.norm(box.opening, axis=1)
             >= np.linalg.norm(box.inner_rings[..., :2], axis=2) - 1e-12).all()
-    assert box.over_opening(box.inner_rings * [1 - 1e-9, 1 - 1e-9, 1]).all()
+    assert box.is_over_opening(box.inner_rings * [1 - 1e-9, 1 - 1e-9, 1]).all()
     x, y = box.opening.T
     assert np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0, "counter-clockwise"
 
@@ -80,7 +82,7 @@ def test_draft_inclines_the_walls_and_keeps_their_thickness():
     want = [SIZE[0] - 2 * 0.2 * SIZE[2], SIZE[1] - 2 * 0.2 * SIZE[2]]
     np.testing.assert_allclose(np.ptp(box.inner_rings[0][:, :2], axis=0), want, rtol=1e-12)
     vertices = box.mesh().vertices
-    for z, inner in ((box.rim_m, SIZE[:2]), (FLOOR, want), (0.0, want)):
+    for z, inner in ((box.rim_height_m, SIZE[:2]), (FLOOR, want), (0.0, want)):
         level = vertices[np.abs(vertices[:, 2] - z) < 1e-6]
         outer = np.array(inner) + 2 * WALL
         np.testing.assert_allclose(np.ptp(level, axis=0)[:2], outer, rtol=1e-5)
@@ -99,7 +101,7 @@ def test_a_cylinder_and_a_bowl_in_closed_form():
 @pytest.mark.parametrize("kind", KINDS)
 def test_over_opening_in_closed_form(kind):
     points = np.random.default_rng(1).uniform(-0.12, 0.12, (4000, 2))
-    got = container(kind).over_opening(points)
+    got = container(kind).is_over_opening(points)
     if kind in ("cylinder", "bowl", "cup"):  # 48 sides: between two ellipses
         r = np.linalg.norm(points / (np.array(SIZE[:2]) / 2), axis=1)
         sure, want = (r < np.cos(np.pi / 48)) | (r > 1), r < 1
@@ -111,8 +113,9 @@ def test_over_opening_in_closed_form(kind):
     else:
         sure, want = slice(None), (np.abs(points) < np.array(SIZE[:2]) / 2).all(axis=1)
     np.testing.assert_array_equal(got[sure], want[sure])
-    np.testing.assert_array_equal(container(kind).over_opening(np.pad(points, ((0, 0), (0, 1)))),
-                                  got)
+    np.testing.assert_array_equal(
+        container(kind).is_over_opening(np.pad(points, ((0, 0), (0, 1)))), got
+    )
 
 
 @pytest.mark.parametrize("kind", CLOSED)
@@ -149,7 +152,7 @@ def test_collision_walls_grow_outwards_below_the_rim():
 def test_a_heap_has_no_body():
     heap = ContainerShape("none", inner_size_m=(0.3, 0.2, 0.0))
     assert heap.mesh() is None and heap.inner_mesh() is None and heap.collision_pieces() == []
-    assert heap.rim_m == 0 and np.ptp(heap.opening, axis=0) == pytest.approx([0.3, 0.2])
+    assert heap.rim_height_m == 0 and np.ptp(heap.opening, axis=0) == pytest.approx([0.3, 0.2])
 
 
 def test_a_bag_is_folded_by_its_seed():

@@ -13,12 +13,13 @@ from stack_counter import geometry
 from stack_counter.sim import Scene, read_scenes
 from stack_counter.sim.scenes import shards
 from stack_counter.sim.scenes.containers import ContainerShape
-from stack_counter.sim.scenes.scene import SceneError, pack, unpack
+from stack_counter.sim.scenes.pose_packing import pack_poses, unpack_poses
+from stack_counter.sim.scenes.scene import SceneError
 from stack_counter.sim.scenes.shards import (
-    LIBRARY,
-    SCENES,
+    LIBRARY_FILE,
+    SCENES_PER_SHARD,
+    read_failed_tries,
     read_shard,
-    read_skipped,
     shard_path,
     write_shard,
 )
@@ -30,7 +31,7 @@ SKIPPED = Counter({"unsettled": 2, "penetration": 1})
 
 def stable(poses):
     """Poses as they are stored."""
-    return unpack(*pack(poses))
+    return unpack_poses(pack_poses(poses))
 
 
 def made(index, shape, kind, count):
@@ -81,7 +82,7 @@ def test_what_is_read_is_what_was_written(scenes, shard):
         assert got.stored_truth is not None
         again = replace(got, stored_truth=None).truth  # measured anew from the poses as read
         np.testing.assert_array_equal(again.stack_volume, want.truth.stack_volume)
-    assert read_skipped(shard) == SKIPPED
+    assert read_failed_tries(shard) == SKIPPED
     assert [p.name for p in shard.parent.iterdir()] == [shard.name], "no .part stays"
 
 
@@ -99,13 +100,13 @@ def test_the_same_scenes_give_the_same_bytes(scenes, shard, tmp_path):
 
 
 def test_what_was_read_is_written_as_it_was(scenes, shard, tmp_path):
-    write_shard(tmp_path / "copy.npz", read_shard(shard), read_skipped(shard))
+    write_shard(tmp_path / "copy.npz", read_shard(shard), read_failed_tries(shard))
     assert (tmp_path / "copy.npz").read_bytes() == shard.read_bytes()
 
 
 def test_scenes_come_in_order_and_only_as_many_as_asked_for(scenes, shard, tmp_path):
     write_shard(shard_path(tmp_path, 0), [made(0, BLOCK, "bin", 3)], Counter())
-    assert shard_path(tmp_path, 1) == shard and SCENES == 50
+    assert shard_path(tmp_path, 1) == shard and SCENES_PER_SHARD == 50
     assert [s.index for s in read_scenes(tmp_path)] == [0, 50, 51, 52, 53]
     assert [s.index for s in read_scenes(tmp_path, 2)] == [0, 50]
     assert list(read_scenes(tmp_path, 0)) == []
@@ -175,7 +176,7 @@ def test_library_parts_are_read_from_the_file_beside(tmp_path):
     write_shard(tmp_path / "shard_00000.npz", [want], Counter())
     with pytest.raises(ShapeError, match="shapes.npz"):
         read_shard(tmp_path / "shard_00000.npz")
-    np.savez(tmp_path / LIBRARY, families=["brick"] * 2, vertex_offsets=[0, 8, 16],
+    np.savez(tmp_path / LIBRARY_FILE, families=["brick"] * 2, vertex_offsets=[0, 8, 16],
              face_offsets=[0, 12, 24],
              vertices=np.concatenate([p.vertices for p in parts]).astype(np.float32),
              faces=np.concatenate([p.faces for p in parts]))

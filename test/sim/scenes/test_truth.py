@@ -7,7 +7,7 @@ import trimesh
 from stack_counter import geometry
 from stack_counter.sim import Scene
 from stack_counter.sim.scenes.containers import ContainerShape
-from stack_counter.sim.scenes.truth import inner_points
+from stack_counter.sim.scenes.truth import sample_inside
 from stack_counter.sim.shapes import Shape
 
 INNER, FLOOR = (0.2, 0.14, 0.1), 0.004
@@ -43,7 +43,7 @@ def test_a_filled_box_is_its_content():
 @pytest.mark.parametrize("height, whole, center", [
     (0.10, 1.0, 1.0), (0.075, 0.75, 1.0), (0.05, 0.5, 0.5), (0.025, 0.25, 0.0)])
 def test_ratios_with_and_without_borders_of_a_box_filled_in_part(height, whole, center,
-                                                                     monkeypatch):
+                                                                 monkeypatch):
     # The central box reaches from a quarter of the depth to three quarters. The points that stand
     # for a part are made for small ones: in a part as large as the bin there must be more.
     monkeypatch.setattr("stack_counter.sim.scenes.truth._POINTS", 100_000)
@@ -155,7 +155,7 @@ def test_truth_does_not_depend_on_where_the_container_stands(kind):
 
 def test_points_inside_a_part_stand_for_its_volume():
     part = trimesh.creation.annulus(0.008, 0.02, 0.02, sections=64)
-    points = inner_points(Shape("test", part.vertices, np.asarray(part.faces, np.int32)), 4000)
+    points = sample_inside(Shape("test", part.vertices, np.asarray(part.faces, np.int32)), 4000)
     r = np.linalg.norm(points[:, :2], axis=1)
     assert len(points) == pytest.approx(4000, rel=0.05)
     assert r.min() > 0.0079 and r.max() < 0.02 and np.abs(points[:, 2]).max() < 0.01

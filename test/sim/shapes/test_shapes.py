@@ -6,7 +6,7 @@ import trimesh
 from manifold3d import CrossSection
 
 from stack_counter.sim.shapes import FAMILIES, ShapeError, make_shape, shape_from_mesh
-from stack_counter.sim.shapes.shape import KAPPA_0
+from stack_counter.sim.shapes.shape import REFERENCE_CURVATURE
 
 BOX = trimesh.creation.box([0.04, 0.03, 0.02])
 BALL = trimesh.creation.icosphere(4, 0.02)
@@ -37,7 +37,7 @@ def test_families_are_many_varied_and_not_those_of_the_test():
     assert len({s.family for s in shapes}) > 40
     assert len({round(s.unit_volume * 1e12) for s in shapes}) > 195
     assert min(s.convexity for s in shapes) < 0.25 and max(s.convexity for s in shapes) == 1
-    assert max(s.scaled_curvature for s in shapes) <= KAPPA_0
+    assert max(s.scaled_curvature for s in shapes) <= REFERENCE_CURVATURE
     with pytest.raises(ShapeError, match="unknown family 'banana'; expected one of"):
         make_shape(0, "banana")
 
@@ -48,7 +48,7 @@ def test_a_box_in_closed_form():
     assert box.part_size == pytest.approx(0.04) and box.convexity == pytest.approx(1)
     kappa = 4 * (0.04 + 0.03 + 0.02) * (np.pi / 2) / 2
     diagonal = np.linalg.norm([0.04, 0.03, 0.02])
-    assert box.complexity == pytest.approx(kappa / diagonal / KAPPA_0, rel=1e-6)
+    assert box.complexity == pytest.approx(kappa / diagonal / REFERENCE_CURVATURE, rel=1e-6)
     assert box.seed == -1
 
 
@@ -56,7 +56,9 @@ def test_a_ball_in_closed_form():
     ball = shape_of(BALL)
     assert ball.unit_volume == pytest.approx(4 / 3 * np.pi * 0.02**3, rel=0.005)
     # The sphere's integral of 1 / R is 4 pi R; the diagonal of its box 2 R sqrt(3).
-    assert ball.complexity == pytest.approx(2 * np.pi / np.sqrt(3) / KAPPA_0, rel=0.005)
+    assert ball.complexity == pytest.approx(
+        2 * np.pi / np.sqrt(3) / REFERENCE_CURVATURE, rel=0.005
+    )
 
 
 def test_concave_edges_add_to_the_complexity():
@@ -65,7 +67,7 @@ def test_concave_edges_add_to_the_complexity():
     shape = shape_from_mesh(angle.vert_properties, angle.tri_verts, "angle", part_size=0.02)
     kappa = (2 * 8 + 6) * np.pi / 4  # two outlines of length 8, six upright edges of length 1
     assert shape.convexity == pytest.approx(3 / 3.5)
-    assert shape.complexity == pytest.approx(kappa / 3 / KAPPA_0 + 0.5 / 3.5, rel=1e-6)
+    assert shape.complexity == pytest.approx(kappa / 3 / REFERENCE_CURVATURE + 0.5 / 3.5, rel=1e-6)
 
 
 def test_scale_place_and_duplicate_vertices_do_not_matter():

@@ -152,7 +152,7 @@ _STEPS: dict[str, tuple[Step, ...]] = {
 GENERATORS = tuple(f"{begin}_{steps}" for begin in _BEGIN for steps in _STEPS)
 
 
-def solid(family: str, variant: int) -> Manifold:
+def make_solid(family: str, variant: int) -> Manifold:
     """A part of a family, not yet scaled; the same for the same variant."""
     r = np.random.default_rng([variant, zlib.crc32(family.encode())])
     begin, steps = family.split("_")

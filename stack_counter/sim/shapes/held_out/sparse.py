@@ -122,7 +122,7 @@ GENERATORS: dict[str, Callable[[np.random.Generator], Manifold]] = {
                                         _antenna, _shrub)}
 
 
-def solid(family: str, variant: int) -> Manifold:
+def make_solid(family: str, variant: int) -> Manifold:
     """One of the solids, its largest side about 1; always the same for the same arguments.
 
     Args:

@@ -228,7 +228,7 @@ GENERATORS: dict[str, tuple[Callable[[np.random.Generator], Manifold], int]] = {
         (_eye_bolt, 2), (_puzzle_piece, 2))}
 
 
-def solid(family: str, variant: int) -> Manifold:
+def make_solid(family: str, variant: int) -> Manifold:
     """One of the solids, of no particular size; always the same for the same arguments.
 
     Args:
