@@ -225,7 +225,7 @@ def _replay(options: argparse.Namespace) -> int:
 
     with tqdm(unit=" views", desc="replay", disable=not sys.stderr.isatty()) as bar:
         if options.nodes:
-            from stack_counter.ros.player import replay_nodes
+            from stack_counter.ros.node_replay import replay_nodes
 
             result = replay_nodes(options.bag, config, part, known.unit_volume, options.rate,
                                   lambda: bar.update() and None, begin)

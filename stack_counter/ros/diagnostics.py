@@ -1,66 +1,91 @@
-"""What an operator reads of a node: OK, WARN or ERROR, one line, and figures."""
+# SPDX-License-Identifier: Apache-2.0
+"""What an operator reads of a node: OK, WARN or ERROR, one line, and values by name."""
 
 from __future__ import annotations
 
 import os
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-_WINDOW_S = 5.0  # over which rates are taken
-_MOST = 1000  # events remembered
-_PAGE = os.sysconf("SC_PAGE_SIZE")
+_PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
+
+
+@dataclass(frozen=True)
+class RateSettings:
+    """How a rate is measured.
+
+    Attributes:
+        window_s: seconds over which events are counted. Chosen: some images of a slow camera.
+        max_events: number of events remembered. Chosen: 200 Hz over the window.
+    """
+
+    window_s: float = 5.0
+    max_events: int = 1000
+
+
+SETTINGS = RateSettings()
 
 
 class Rate:
-    """How often something happens, how late it comes, and when it came last."""
+    """How often an event happens, how old its data is, and how long ago the last one was."""
 
     def __init__(self) -> None:
-        self._times: deque[float] = deque(maxlen=_MOST)
+        self._times: deque[float] = deque(maxlen=SETTINGS.max_events)
         self.latency_s = 0.0
         self.count = 0
 
     def tick(self, latency_s: float = 0.0) -> None:
-        """It has just happened; `latency_s`: its age then."""
+        """Records one event now; `latency_s` is the age of its data."""
         self._times.append(time.monotonic())
         self.latency_s = latency_s
         self.count += 1
 
     @property
     def hz(self) -> float:
-        """Per second, over the last seconds."""
-        since = time.monotonic() - _WINDOW_S
-        return sum(t >= since for t in self._times) / _WINDOW_S
+        """Events per second over the last seconds."""
+        begin = time.monotonic() - SETTINGS.window_s
+        return sum(t >= begin for t in self._times) / SETTINGS.window_s
 
     @property
     def silent_s(self) -> float:
-        """Seconds since the last one; infinite before the first."""
+        """Seconds since the last event; infinite before the first."""
         return time.monotonic() - self._times[-1] if self._times else float("inf")
 
 
 def memory_mb() -> float:
-    """Resident memory of this process, MB."""
+    """Returns the resident memory of this process, MB."""
     with open("/proc/self/statm", encoding="ascii") as file:
-        return int(file.read().split()[1]) * _PAGE / 1e6
+        return int(file.read().split()[1]) * _PAGE_BYTES / 1e6
 
 
-def worst(*findings: tuple[bytes, str]) -> tuple[bytes, str]:
-    """The worst level of some findings, and what they say at that level; OK and `ok` for none."""
-    level = max((found for found, _ in findings), default=OK)
-    said = [text for found, text in findings if found == level and text]
-    return level, "; ".join(said) or "ok"
+def summarize(lines: Iterable[tuple[bytes, str]]) -> tuple[bytes, str]:
+    """Returns the worst level of some lines and their texts at that level; OK and `ok` of none."""
+    lines = list(lines)
+    worst = max((level for level, _ in lines), default=OK)
+    texts = [text for level, text in lines if level == worst and text]
+    return worst, "; ".join(texts) or "ok"
 
 
 def to_array(name: str, level: bytes, message: str, values: Mapping[str, object], header: Header
              ) -> DiagnosticArray:
-    """The message of one node's status."""
-    said = {key: f"{value:.3g}" if isinstance(value, float) else str(value)
-            for key, value in values.items()}
+    """Returns the diagnostics message of one node.
+
+    Args:
+        name: of the node.
+        level: OK, WARN or ERROR.
+        message: one line.
+        values: shown by name, floats with three digits.
+        header: stamp of the message.
+    """
+    texts = {key: f"{value:.3g}" if isinstance(value, float) else str(value)
+             for key, value in values.items()}
     status = DiagnosticStatus(
         name=f"stack_counter: {name}", hardware_id="", level=level, message=message,
-        values=[KeyValue(key=key, value=value) for key, value in said.items()])
+        values=[KeyValue(key=key, value=text) for key, text in texts.items()])
     return DiagnosticArray(header=header, status=[status])

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the three lifecycle nodes share: parameters from a settings class, states, diagnostics."""
 
 from __future__ import annotations
@@ -27,60 +28,63 @@ from std_msgs.msg import Header
 
 from stack_counter.config import NAMESPACE, Section, build
 from stack_counter.errors import StackCounterError
-from stack_counter.ros.diagnostics import ERROR, OK, memory_mb, to_array, worst
+from stack_counter.ros.diagnostics import ERROR, OK, memory_mb, summarize, to_array
 from stack_counter.ros.qos import DIAGNOSTICS
 
-_DIAGNOSE_S = 1.0
+_DIAGNOSTICS_PERIOD_S = 1.0
 
 
 class ManagedNode(LifecycleNode, Generic[Section]):
     """A lifecycle node whose parameters are the fields of one settings class."""
 
     def __init__(self, name: str, section: type[Section]):
+        """Declares a parameter for every field of `section`; the node is not configured yet."""
         super().__init__(name, namespace=NAMESPACE)
-        self._section = section
-        self._cleanup_calls: list[Callable[[], Any]] = []  # gives back what `setup` makes
-        self._qos_mismatches: dict[str, str] = {}  # topic -> with whom its QoS does not fit
+        self._section: type[Section] = section
+        self._cleanup_calls: list[Callable[[], Any]] = []
+        self._qos_mismatches: dict[str, str] = {}  # an explanation for each topic
         self.active = self._configured = False
         # Waiting and being late are matters of wall time, also where the clock is a bag's.
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
-        for setting in dataclasses.fields(section):
-            default = list(setting.default) if isinstance(setting.default, tuple) \
-                else setting.default
-            self.declare_parameter(setting.name, default, _descriptor(setting))
+        for field in dataclasses.fields(section):
+            default = list(field.default) if isinstance(field.default, tuple) else field.default
+            self.declare_parameter(field.name, default, _describe_parameter(field))
         self.autostart = self.declare_parameter(
             "autostart", True,
             ParameterDescriptor(description="configure and activate at start")).value
         self.add_on_set_parameters_callback(self._on_parameters)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics",
-                                                  DIAGNOSTICS)
-        self.create_timer(_DIAGNOSE_S, self._diagnose, clock=self.steady)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
+        self.create_timer(_DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=self.steady)
 
     def read_config(self) -> Section:
-        """The parameters as a checked settings object.
+        """Returns the parameters as a checked settings object.
 
         Raises:
             ConfigError: a value is out of range.
         """
-        return build(self._section, self._values())
+        return build(self._section, self._parameter_values())
 
     def setup(self, config: Section) -> None:
-        """Makes what the node needs; called on configure."""
+        """Makes what the node needs; called on configure.
+
+        Raises:
+            StackCounterError: a setting cannot be followed; the node stays unconfigured.
+        """
         raise NotImplementedError
 
     def apply_runtime_config(self, config: Section) -> None:
         """Takes over settings that may change while the node is configured.
 
         Raises:
-            StackCounterError: it cannot; then the old ones hold.
+            StackCounterError: a setting cannot be followed; the old ones stay in force.
         """
 
     def status_lines(self) -> list[tuple[bytes, str]]:
-        """What an operator should know: levels and lines; called once a second while active."""
+        """Returns levels and lines for the operator; called once a second while active."""
         return []
 
     def status_values(self) -> Mapping[str, object]:
-        """Figures for the diagnostics, while configured."""
+        """Returns values for the diagnostics by name; called while configured."""
         return {}
 
     # --- lifecycle ----------------------------------------------------------------------------
@@ -97,33 +101,34 @@ class ManagedNode(LifecycleNode, Generic[Section]):
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """From now on data is taken."""
+        """Lets callbacks process messages from now on."""
         self.active = True
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Data is no longer taken; what was taken stays."""
+        """Stops callbacks from processing messages; the scan so far is kept."""
         self.active = False
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Gives back all that configure made."""
+        """Releases all that `setup` made."""
         self._release()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """The same, from any state."""
+        """Releases all that `setup` made, from any state."""
         self.active = False
         self._release()
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """After a fault of ours in a transition: unconfigured, from where one can go on."""
+        """Brings the node back to unconfigured after an exception in a transition."""
         self.active = False
         self._release()
         return TransitionCallbackReturn.SUCCESS
 
     def _release(self) -> None:
+        """Undoes `setup`, the last step first."""
         while self._cleanup_calls:
             self._cleanup_calls.pop()()
         self._qos_mismatches.clear()
@@ -131,22 +136,24 @@ class ManagedNode(LifecycleNode, Generic[Section]):
 
     # --- parameters ---------------------------------------------------------------------------
 
-    def _values(self) -> dict[str, Any]:
-        names = [f.name for f in dataclasses.fields(self._section)]
-        return {p.name: p.value for p in self.get_parameters(names)}
+    def _parameter_values(self) -> dict[str, Any]:
+        names = [field.name for field in dataclasses.fields(self._section)]
+        return {parameter.name: parameter.value for parameter in self.get_parameters(names)}
 
     def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """Refuses what is out of range, and what cannot change while the node is configured."""
-        fields = {f.name: f for f in dataclasses.fields(self._section)}
-        ours = {p.name: p.value for p in parameters if p.name in fields}
-        fixed = [name for name in ours if not fields[name].metadata["runtime"]]
+        fields = {field.name: field for field in dataclasses.fields(self._section)}
+        changes = {p.name: p.value for p in parameters if p.name in fields}
+        # Refuse what is read on configure alone.
+        fixed = [name for name in changes if not fields[name].metadata["runtime"]]
         if self._configured and fixed:
             return SetParametersResult(successful=False, reason=(
                 f"{', '.join(fixed)} is read on configure; expected an unconfigured node: clean "
                 "it up first"))
+        # Check all settings together, then take them over.
         try:
-            config = build(self._section, {**self._values(), **ours})
-            if self._configured and ours:
+            config = build(self._section, {**self._parameter_values(), **changes})
+            if self._configured and changes:
                 self.apply_runtime_config(config)
         except StackCounterError as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -154,11 +161,11 @@ class ManagedNode(LifecycleNode, Generic[Section]):
 
     # --- diagnostics --------------------------------------------------------------------------
 
-    def _diagnose(self) -> None:
-        found = [(ERROR, f"{topic}: {why}") for topic, why in self._qos_mismatches.items()]
+    def _publish_diagnostics(self) -> None:
+        lines = [(ERROR, f"{topic}: {why}") for topic, why in self._qos_mismatches.items()]
         if self.active:
-            found += self.status_lines()
-        level, message = worst(*found)
+            lines += self.status_lines()
+        level, message = summarize(lines)
         state = "active" if self.active else "inactive" if self._configured else "unconfigured"
         values = {"state": state, "memory MB": memory_mb(),
                   **(self.status_values() if self._configured else {})}
@@ -169,14 +176,22 @@ class ManagedNode(LifecycleNode, Generic[Section]):
 
     # --- connections --------------------------------------------------------------------------
 
-    def on_cleanup_call(self, undo: Callable[[], Any]) -> None:
-        """Has cleanup call this."""
-        self._cleanup_calls.append(undo)
+    def on_cleanup_call(self, release: Callable[[], Any]) -> None:
+        """Registers a function that cleanup calls, the last one registered first."""
+        self._cleanup_calls.append(release)
 
     def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None],
                   qos: QoSProfile) -> Subscription:
-        """A subscription whose messages count only while the node is active."""
-        def guarded(message: Any) -> None:
+        """Makes a subscription whose messages are processed only while the node is active.
+
+        Args:
+            kind: class of the messages.
+            topic: name; relative ones are below the node's namespace.
+            callback: called with each message; an exception of it is logged.
+            qos: what is asked of publishers; those that offer less are an error in the
+                diagnostics.
+        """
+        def process(message: Any) -> None:
             if not self.active:
                 return
             try:
@@ -187,7 +202,7 @@ class ManagedNode(LifecycleNode, Generic[Section]):
                 self.get_logger().error(f"message on {topic} dropped:\n{traceback.format_exc()}",
                                         throttle_duration_sec=5.0)
 
-        def unfit(event: Any) -> None:
+        def report_mismatch(event: Any) -> None:
             why = (f"{event.total_count} publishers offer another QoS (policy "
                    f"{event.last_policy_kind}); expected what this node asks for: "
                    "see parameter reliable")
@@ -195,49 +210,52 @@ class ManagedNode(LifecycleNode, Generic[Section]):
             self.get_logger().error(f"{topic}: {why}")
 
         made = self.create_subscription(
-            kind, topic, guarded, qos,
-            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=unfit))
+            kind, topic, process, qos,
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=report_mismatch))
         self._cleanup_calls.append(lambda: self.destroy_subscription(made))
         return made
 
     def advertise(self, kind: type, topic: str, qos: QoSProfile) -> Publisher:
-        """A publisher that cleanup destroys."""
+        """Makes a publisher that cleanup destroys."""
         made = self.create_publisher(kind, topic, qos)
         self._cleanup_calls.append(lambda: self.destroy_publisher(made))
         return made
 
     def add_service(self, kind: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
-        """A service that cleanup destroys."""
+        """Makes a service that cleanup destroys."""
         made = self.create_service(kind, name, callback)
         self._cleanup_calls.append(lambda: self.destroy_service(made))
 
     def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:
-        """A timer that runs while the node is active."""
+        """Makes a timer that calls while the node is active, in wall time; cleanup destroys it."""
         made = self.create_timer(period_s, lambda: callback() if self.active else None,
                                  clock=self.steady)
         self._cleanup_calls.append(lambda: self.destroy_timer(made))
 
 
-def _descriptor(setting: dataclasses.Field) -> ParameterDescriptor:
-    meta = setting.metadata
-    text = meta["doc"] + (f" (one of: {', '.join(meta['choices'])})" if meta["choices"] else "")
+def _describe_parameter(field: dataclasses.Field) -> ParameterDescriptor:
+    """Returns the description and range of a settings field, as `ros2 param describe` shows it."""
+    meta = field.metadata
+    choices = f" (one of: {', '.join(meta['choices'])})" if meta["choices"] else ""
     descriptor = ParameterDescriptor(
-        description=text, additional_constraints="may change at run time" if meta["runtime"]
+        description=meta["doc"] + choices,
+        additional_constraints="may change at run time" if meta["runtime"]
         else "read on configure; set it while the node is unconfigured")
-    if meta["low"] is not None and meta["high"] is not None:
-        if isinstance(setting.default, float):
+    low, high = meta["low"], meta["high"]
+    if low is not None and high is not None:
+        if isinstance(field.default, float):
             descriptor.floating_point_range = [FloatingPointRange(
-                from_value=float(meta["low"]), to_value=float(meta["high"]))]
-        elif isinstance(setting.default, int):
-            descriptor.integer_range = [IntegerRange(from_value=int(meta["low"]),
-                                                     to_value=int(meta["high"]), step=1)]
+                from_value=float(low), to_value=float(high))]
+        elif isinstance(field.default, int):
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high),
+                                                     step=1)]
     return descriptor
 
 
-def run(make_node: Any) -> None:
-    """Main of a node: starts it, brings it up unless `autostart` is false, spins until told."""
+def run(node_class: type[ManagedNode]) -> None:
+    """Runs a node until SIGINT or SIGTERM; configures and activates it if `autostart` is true."""
     rclpy.init()
-    node = make_node()
+    node = node_class()  # type: ignore[call-arg]  # nodes name themselves
     executor = SingleThreadedExecutor()  # nothing here blocks: the action waits on futures
     executor.add_node(node)
     try:

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Counts a bag by the three real nodes: `replay --nodes`."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from stack_counter_msgs.msg import StackCount as StackCountMsg
+from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
+
+from stack_counter.bag.reader import BagReader, fit_rig, listened
+from stack_counter.bag.replay import Replayed, count_entry, no_count
+from stack_counter.config import CollectorConfig, Config
+from stack_counter.counting import flagged
+from stack_counter.ros.conversions import from_stack_count, from_stack_volume, from_tally
+from stack_counter.ros.player import SETTINGS as PLAYER_SETTINGS
+from stack_counter.ros.player import Player
+from stack_counter.ros.processes import NodeError, NodeProcesses, private_environment
+from stack_counter.views.rig import Rig, RigAssembler, load_rig
+
+
+@dataclass(frozen=True)
+class NodeReplaySettings:
+    """How the nodes are set up for a bag.
+
+    Attributes:
+        tf_timeout_s: seconds that the collector waits for a pose which the bag may still hold.
+            Chosen; all that the bag has will come, however slowly.
+    """
+
+    tf_timeout_s: float = 20.0
+
+
+SETTINGS = NodeReplaySettings()
+
+
+def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate: float,
+                 on_view: Callable[[], None], begin: float) -> Replayed:
+    """Plays a bag through collector, reconstructor and counter over DDS.
+
+    Args:
+        path: rosbag2 folder or .mcap file.
+        config: settings; topics are fitted to the bag.
+        part: name in the catalogue, or "".
+        unit_volume: volume of one part, m3, or 0 for the part's own.
+        rate: 0 to play as fast as the nodes process images, or the speed of the recording's
+            clock.
+        on_view: called for each image played.
+        begin: when the command began, seconds of `time.perf_counter`: imports count as loading.
+
+    Raises:
+        BagError: the bag has no usable topics.
+        NodeError: a node died or hangs.
+        ScanError: the nodes give no count; the message has their reason.
+    """
+    environment = private_environment()
+    os.environ.update(environment)  # read by the DDS library when the context starts
+    reader = BagReader(path)
+    rig = fit_rig(load_rig(config.collector), reader.topics)
+    nodes = NodeProcesses(
+        replace(config, collector=_fit_collector(config.collector, rig, reader)), environment)
+    with _spinning_player(rig, reader, config.collector.mode == "cycle", nodes,
+                          int(environment["ROS_DOMAIN_ID"])) as player, nodes:
+        # Start the nodes.
+        if not player.wait_until(player.is_connected, PLAYER_SETTINGS.start_timeout_s):
+            raise NodeError(f"nodes not connected within {PLAYER_SETTINGS.start_timeout_s} s; "
+                            f"they said: {nodes.last_lines()}")
+        loaded = time.perf_counter()
+        # Play the scan.
+        scan_id = player.start_scan(part, unit_volume)
+        player.play(reader, rate, on_view)
+        played = time.perf_counter()
+        # Wait for its count.
+        final = player.stop_scan(scan_id)
+    seconds = {"load": loaded - begin, "read": played - loaded,
+               "total": time.perf_counter() - begin}
+    entries = config.reconstructor.live or config.collector.mode == "cycle"
+    return _collect_result(final, player, reader.truncated, bool(entries), seconds)
+
+
+def _fit_collector(config: CollectorConfig, rig: Rig, reader: BagReader) -> CollectorConfig:
+    """Returns the collector's settings for the bag's topics.
+
+    The collector waits long for poses where the bag has a topic of them and every calibration:
+    what the bag lacks is not worth a long wait.
+    """
+    fitted = config if config.rig else rig.cameras[0].config
+    has_poses = bool({"/tf", "/tf_static", fitted.pose_topic} & set(reader.topics))
+    if has_poses and all(c.config.camera_info_topic in reader.topics for c in rig.cameras):
+        fitted = replace(fitted, tf_timeout_s=SETTINGS.tf_timeout_s)
+    return fitted
+
+
+@contextmanager
+def _spinning_player(rig: Rig, reader: BagReader, cycles: bool, nodes: NodeProcesses,
+                     domain_id: int) -> Iterator[Player]:
+    """Spins a player of the bag in a thread, on a ROS domain of its own."""
+    context = rclpy.context.Context()
+    rclpy.init(context=context, domain_id=domain_id)
+    assembler = RigAssembler(rig)
+    topics = {name: reader.topics[name][0] for name in listened(assembler)
+              if name in reader.topics}
+    player = Player(nodes, set(assembler.color_topics()), topics,
+                    round(rig.tolerance_s * 1e9) if cycles else 0, context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(player)
+    spinner = threading.Thread(target=_spin, args=(executor,), daemon=True)
+    spinner.start()
+    try:
+        yield player
+    finally:
+        executor.shutdown()
+        player.destroy_node()
+        rclpy.try_shutdown(context=context)
+        spinner.join()
+
+
+def _spin(executor: SingleThreadedExecutor) -> None:
+    try:
+        executor.spin()
+    except ExternalShutdownException:
+        pass
+
+
+def _collect_result(final: StackCountMsg, player: Player, truncated: bool, entries: bool,
+                    seconds: dict[str, float]) -> Replayed:
+    """Returns what the nodes have counted.
+
+    Args:
+        final: the last count.
+        player: has all counts and the last volume.
+        truncated: the bag was cut short.
+        entries: list the counts of all views or cycles.
+        seconds: time spent here by stage, s.
+
+    Raises:
+        ScanError: the nodes give no count.
+    """
+    if final.error:
+        raise no_count(final.error, from_tally(final.views), [])
+    count = from_stack_count(final, from_stack_volume(player.volume))
+    if truncated:
+        count = flagged(count, "bag_truncated")
+    by_stamp = {entry["stamp_ns"]: entry for entry in
+                (_count_entry(message) for message in player.counts if not message.error)}
+    return Replayed(replace(count, seconds={**count.seconds, **seconds}),
+                    list(by_stamp.values()) if entries else [],
+                    tuple(message.error for message in player.counts if message.error))
+
+
+def _count_entry(message: StackCountMsg) -> dict:
+    """Returns the JSON entry of one count; of its volume that needs stamp and cameras alone."""
+    volume = StackVolumeMsg(header=message.header, missing_cameras=message.missing_cameras)
+    return count_entry(from_stack_count(message, from_stack_volume(volume)))
