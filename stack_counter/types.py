@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
@@ -146,6 +147,11 @@ class ViewTally:
     received: int = 0
     used: int = 0
     skipped: dict[str, int] = field(default_factory=dict)
+
+    def __add__(self, later: ViewTally) -> ViewTally:
+        """The tally of two stages in a row: what the first passed on, the second received."""
+        return ViewTally(self.received, later.used,
+                         dict(Counter(self.skipped) + Counter(later.skipped)))
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ def test_reset_forgets():
     stack = StackCounter(ReconstructorConfig())
     for view in Scene().box([0, 0, 0.05], [0.2, 0.2, 0.1]).views(6):
         stack.add_view(view)
-    stack.reset()
+    stack.start()
     assert stack.tally.received == 0
     for view in bin_scene().views(6):
         stack.add_view(view)
@@ -85,7 +85,7 @@ def test_the_region_is_configured_then_found_and_holds_the_bin():
     assert (low[:2] < rim[0]).all() and (high[:2] > rim[1]).all()
     assert low[2] < 0 and 0.105 < high[2] < 0.2
     assert [v.stamp_ns for v in stack.views] == [0, 10**9, 2 * 10**9, 3 * 10**9]
-    stack.reset()
+    stack.start()
     assert stack.region is None
 
 

@@ -18,7 +18,7 @@ from stack_counter.counting import flagged
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
 from stack_counter.parts.catalogue import Part
-from stack_counter.pipeline import StackCounter, count_stack, joined_tally
+from stack_counter.pipeline import StackCounter, count_stack
 from stack_counter.segmentation.prompts import read_prompts
 from stack_counter.segmentation.scan_labels import ScanLabels
 from stack_counter.types import StackCount, StackVolume, View, ViewTally
@@ -81,8 +81,7 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float,
         BagError, ScanError, ConfigError, WeightsError, PartError: see there.
     """
     estimator = make_estimator(config.counter)
-    stack = StackCounter(config.reconstructor)
-    stack.reset(part.unit_volume)
+    stack = StackCounter(config.reconstructor, part.unit_volume)
     loaded = time.perf_counter()
     confidence, counts = config.counter.confidence, []
 
@@ -98,7 +97,7 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float,
     if truncated:
         count = flagged(count, "bag_truncated")
     total = time.perf_counter() - begin
-    spent = sum(count.seconds.values()) - count.seconds["segment"]  # which is part of `finish`
+    spent = sum(count.seconds.values())
     return Replayed(replace(count, seconds={
         **count.seconds, "load": loaded - begin, "read": total - spent - (loaded - begin),
         "total": total}), counts)
@@ -135,7 +134,7 @@ def bag_volume(path: Path, config: Config, unit_volume: float, on_view: Callable
         BagError, ConfigError, WeightsError: see there.
         ScanError: the bag gives no volume; in cycle mode: more than one.
     """
-    stack = StackCounter(config.reconstructor)
+    stack = StackCounter(config.reconstructor, unit_volume)
     if config.collector.mode == "cycle":
         reader, assembler = _assembled(path, config.collector)
         volumes = [scan for scan in _cycles(reader, assembler, stack, unit_volume, on_view)
@@ -144,7 +143,6 @@ def bag_volume(path: Path, config: Config, unit_volume: float, on_view: Callable
             raise ScanError(f"{path} holds {len(volumes)} cycles that give a volume; expected one")
         volume, truncated = volumes[0], reader.truncated
     else:
-        stack.reset(unit_volume)
         volume, truncated = _volume(stack, path, config.collector, 0.0, on_view)
     return replace(volume, reasons=(*volume.reasons, "bag_truncated")) if truncated else volume
 
@@ -182,7 +180,7 @@ def _volume(stack: StackCounter, path: Path, collector: CollectorConfig, rate: f
             after_view()
         except (ViewError, ScanError):
             continue  # counted in the tally, or nothing to count yet
-    tally = joined_tally(assembler.tally, stack.tally)
+    tally = assembler.tally + stack.tally
     try:
         return replace(stack.volume(), views=tally), reader.truncated
     except ScanError as error:
@@ -220,7 +218,7 @@ def _cycles(reader: BagReader, assembler: RigAssembler, stack: StackCounter, uni
     former = CycleGrouper([c.name for c in rig.cameras], rig.tolerance_s, rig.timeout_s,
                           live=False)
     for cycle in formed(read_views(reader, assembler), former):
-        stack.reset(unit_volume)
+        stack.start(unit_volume)
         for name in former.cameras:
             with suppress(ViewError):  # counted in the tally
                 if name in cycle.views:

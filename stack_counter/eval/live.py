@@ -78,8 +78,7 @@ def follow(scene: Scene, picks: int, share: float = 0.0) -> list[Stamp]:
     """What is said after each view of a scene that is emptied from the top."""
     each = max(1, round(share * len(scene.poses) / picks))
     states = list(remove_parts(scene, min(picks * each, len(scene.poses) - 1)))[::each]
-    stack = StackCounter(ReconstructorConfig(live=True))
-    stack.reset(scene.truth.unit_volume)
+    stack = StackCounter(ReconstructorConfig(live=True), scene.truth.unit_volume)
     estimator = make_estimator(CounterConfig())
     stamps: list[Stamp] = []
     for state, view in zip(states, record_fixed_camera(states, color=False)):

@@ -97,7 +97,7 @@ def _with_holes(view: View, share: float, random: np.random.Generator) -> View:
 def measure(scene: Scene, views: list[View]) -> VolumeCase:
     """One scene through the pipeline, with the default settings."""
     stack, shape = StackCounter(ReconstructorConfig()), scene.container
-    stack.reset(scene.truth.unit_volume)
+    stack.start(scene.truth.unit_volume)
     try:
         for view in views:
             stack.add_view(view)

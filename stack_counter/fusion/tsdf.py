@@ -135,6 +135,7 @@ class FusedSurface:
     """Looks at a mesh, from straight above or as a camera does."""
 
     def __init__(self, mesh: Mesh):
+        self.mesh = mesh
         self._scene = o3d.t.geometry.RaycastingScene()
         self._empty = len(mesh.triangles) == 0
         if not self._empty:

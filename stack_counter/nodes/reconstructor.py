@@ -15,7 +15,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.nodes.display import Display
 from stack_counter.nodes.report_service import ReportService
-from stack_counter.pipeline import StackCounter, joined_tally
+from stack_counter.pipeline import StackCounter
 from stack_counter.ros.conversions import from_posed_image, to_stack_volume, to_tally
 from stack_counter.ros.diagnostics import WARN, Rate
 from stack_counter.ros.lifecycle import ManagedNode, run
@@ -111,7 +111,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         if self._stopped is not None and self._stopped.scan_id != message.scan_id:
             self._stopped = None
         self._stack = self._next
-        self._stack.reset(message.unit_volume)
+        self._stack.start(message.unit_volume)
 
     def _on_status(self, message: ScanStatus) -> None:
         if message.node != "collector" or message.state != ScanStatus.STOPPED:
@@ -171,7 +171,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
             return used
         status = self._stopped
         skipped = dict(zip(status.skip_reasons, (int(n) for n in status.skip_counts)))
-        return joined_tally(ViewTally(status.received, status.processed, skipped), used)
+        return ViewTally(status.received, status.processed, skipped) + used
 
     def _report(self, state: int = ScanStatus.SCANNING) -> None:
         tally = self._stack.tally
@@ -184,7 +184,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._scan, self._stopped = None, None
-        self._stack.reset()
+        self._stack.start()
         self._status.publish(ScanStatus(node="reconstructor", state=ScanStatus.IDLE))
         response.success = True
         return response

@@ -9,6 +9,7 @@ pieces look like.
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
@@ -23,7 +24,7 @@ from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import PartError, ScanError, ViewError
 from stack_counter.fusion.region import find_pieces
-from stack_counter.pipeline import StackCounter
+from stack_counter.reconstruction import DepthReconstruction
 from stack_counter.types import StackVolume, View
 
 FORMAT = "stack_counter template 1"
@@ -115,15 +116,13 @@ def scan_template(views: list[View], pieces: int, config: ReconstructorConfig) -
                         "all sides: what no view sees counts as part of the pieces")
     region = find_pieces(views, config)
     middle, size = (region.low + region.high) / 2, region.high - region.low
-    stack = StackCounter(replace(
+    scan = DepthReconstruction(replace(
         config, container="", container_kind="none", voxel_size=_VOXEL, live=False,
         roi_center_m=tuple(map(float, middle)), roi_size_m=tuple(map(float, size))))
     for view in views:
-        try:
-            stack.add_view(view)
-        except ViewError:
-            continue  # counted by the stack; the others go on
-    return template_of(stack.volume(), stack.views, pieces)
+        with suppress(ViewError):  # the others go on
+            scan.add(geometry.rectify(view))
+    return template_of(scan.measure(taught=None), scan.views, pieces)
 
 
 def template_of(volume: StackVolume, views: list[View], pieces: int) -> Template:

@@ -79,8 +79,7 @@ def test_a_kind_that_is_not_there_is_named():
 def test_what_is_nearly_a_container_is_one_or_is_said(name, found, reasons):
     """A bowl whose outside no view sees; a low bin that heaped plates hide all around."""
     scene = find_scene(f"{Path(__file__).parents[2] / 'data' / name}")
-    stack = StackCounter(ReconstructorConfig())
-    stack.reset(scene.truth.unit_volume)
+    stack = StackCounter(ReconstructorConfig(), scene.truth.unit_volume)
     for view in record(scene, 12, color=False):
         stack.add_view(view)
     volume = stack.volume()

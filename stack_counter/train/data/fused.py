@@ -36,8 +36,7 @@ def reconstruct(scene: Scene, seed: int = 0, views: int = _VIEWS) -> StackVolume
     Raises:
         StackCounterError: the scan is refused.
     """
-    stack = StackCounter(ReconstructorConfig())
-    stack.reset(scene.truth.unit_volume)
+    stack = StackCounter(ReconstructorConfig(), scene.truth.unit_volume)
     for view in record(scene, views, seed, color=False):
         stack.add_view(view)
     return stack.volume()
@@ -49,8 +48,7 @@ def reconstruct_from_above(scene: Scene) -> StackVolume:
     Raises:
         StackCounterError: the scan is refused.
     """
-    stack = StackCounter(ReconstructorConfig(live=True))
-    stack.reset(scene.truth.unit_volume)
+    stack = StackCounter(ReconstructorConfig(live=True), scene.truth.unit_volume)
     stack.add_view(record_fixed_camera([scene], color=False)[0])
     return stack.volume()
 

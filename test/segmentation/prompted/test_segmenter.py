@@ -100,7 +100,7 @@ def test_views_that_cannot_be_labelled():
     with pytest.raises(ViewError, match="no_color"):
         stack.add_view(replace(views[0], color=None))
     stack.add_view(views[0])
-    stack.reset()
+    stack.start()
     assert stack.tally.received == 0
 
 

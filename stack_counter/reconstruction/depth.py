@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scans with depth: views are fused and carved as they come, V is measured in their surface.
+
+Source: paper, section 3.3.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+from stack_counter.config import ReconstructorConfig
+from stack_counter.container.catalogue import TaughtContainer
+from stack_counter.container.detection import find_container, seen_from_one_side
+from stack_counter.container.placement import place_container
+from stack_counter.display.mesh_colors import color_mesh
+from stack_counter.errors import ScanError, ViewError
+from stack_counter.fusion.depth_filter import clip_depth
+from stack_counter.fusion.depth_fusion import DepthFusion
+from stack_counter.fusion.region import Region, find_region
+from stack_counter.reconstruction.key_view import find_key_view
+from stack_counter.reconstruction.plausibility import (
+    check_agreement,
+    second_container,
+    stack_leaves_every_image,
+)
+from stack_counter.reconstruction.stack_volume import MeasuredStack, measure_stack
+from stack_counter.reconstruction.view_memory import ViewMemory
+from stack_counter.segmentation import Segmenter
+from stack_counter.segmentation.from_container import Geometric
+from stack_counter.segmentation.labels import GivenLabels
+from stack_counter.segmentation.scan_labels import ScanLabels
+from stack_counter.types import KeyView, StackVolume, View, ViewTally
+
+
+@dataclass(frozen=True)
+class DepthScanSettings:
+    """When a scan with depth begins, and from when on its result is flagged.
+
+    Attributes:
+        first_views: views from which the region of interest is found; chosen.
+        low_coverage: share of the footprint below which a result is flagged; chosen.
+    """
+
+    first_views: int = 3
+    low_coverage: float = 0.7
+
+
+SETTINGS = DepthScanSettings()
+
+
+class DepthReconstruction:
+    """Fuses the depth views of one scan and measures the stack in them.
+
+    Attributes:
+        refused_late: errors of views that were kept at first and refused once the region was
+            known.
+        segmenter: labels the views; from the first `measure` on by the container found.
+    """
+
+    def __init__(self, config: ReconstructorConfig, unit_volume: float = 0.0):
+        """`unit_volume`: volume of one part, m3; 0 where it is not known."""
+        self._config, self._unit_volume = config, unit_volume
+        self._first_views = 1 if config.live else min(SETTINGS.first_views, config.min_views)
+        self._memory = ViewMemory(config.live)
+        self._fusion: DepthFusion | None = None  # once the first views say where the stack is
+        self._second_container: str | None = None
+        self._label_images_given = False
+        self.refused_late: list[ViewError] = []
+        self.segmenter: Segmenter = GivenLabels()
+
+    @property
+    def views(self) -> list[View]:
+        """The views kept so far; once the region is found, cropped to it."""
+        return self._memory.views
+
+    @property
+    def region(self) -> Region | None:
+        """The region in which the stack lies; None before it is found."""
+        return self._fusion.region if self._fusion else None
+
+    def add(self, view: View) -> None:
+        """Fuses one view, or keeps it until the first few say where the stack is.
+
+        Raises:
+            ViewError: the view has no depth (`no_depth`), none in the working range
+                (`empty_depth`), shows nothing of the region (`out_of_sight`), or needs too much
+                memory (`too_large`).
+        """
+        if view.depth is None:
+            raise ViewError("no_depth", "some views of the scan have depth and some have not; "
+                                        "expected alike")
+        view = clip_depth(view, self._config.depth_min, self._config.depth_trunc)
+        if self._fusion is not None:
+            self._fusion.grow_region(view)
+            self._memory.add(self._fusion.integrate(view))
+            return
+        self._memory.add(view)
+        if len(self.views) >= self._first_views:
+            with suppress(ScanError):  # nothing in sight yet: later views may show it
+                self._fusion = self._begin_fusion()
+
+    def label(self, labels: ScanLabels) -> None:
+        """Gives the views their label images where prompts make them.
+
+        Raises:
+            ScanError: the prompts cannot be carried to all views.
+        """
+        self._memory.replace_all(labels.label(self.views))
+        self._label_images_given = labels.on_views
+
+    def measure(self, taught: TaughtContainer | None) -> StackVolume:
+        """Finds the container, then V over its opening.
+
+        Args:
+            taught: a container measured before, of which only the pose is looked for; or None.
+
+        Raises:
+            ScanError: nothing in sight, views that contradict each other, two containers, or no
+                surface left after carving.
+        """
+        if self._fusion is None:
+            self._fusion = self._begin_fusion()
+        config, region, views = self._config, self._fusion.region, self.views
+        # Refuse a scan that cannot be right. In live mode views differ as parts are taken.
+        if not config.live:
+            check_agreement(views, region.noise)
+        if self._second_container:
+            raise ScanError(f"two containers: {self._second_container}; expected one, or a region "
+                            "of interest (roi_center_m, roi_size_m) around one")
+        # Extract the fused surface.
+        surface = self._fusion.surface()
+        if not len(surface.mesh.triangles):
+            raise ScanError(f"no surface left after carving {len(views)} views; expected some: "
+                            "depth and poses disagree")
+        # Find the container, or the place of a taught one.
+        voxel_size = self._fusion.voxel_size
+        if taught is None:
+            container, is_sure = find_container(surface, views, region, voxel_size, config)
+        else:
+            container, is_sure = (
+                place_container(taught, surface, views, region, voxel_size, config), True)
+        # Integrate the stack over its opening.
+        one_side = seen_from_one_side(views, region)
+        stack = measure_stack(surface, container, region, voxel_size,
+                              taught is not None or config.container_floor_m > 0, one_side)
+        self.segmenter = GivenLabels() if self._label_images_given \
+            else Geometric(stack.container, region)
+        return StackVolume(
+            stamp_ns=max(v.stamp_ns for v in views), stack_volume=stack.stack_volume,
+            stack_volume_std=stack.stack_volume_std, container=stack.container,
+            fill_level=stack.fill_level, coverage=stack.coverage, top=stack.top,
+            inner=stack.inner, key_view=None, views=ViewTally(),
+            reasons=_reasons(stack, is_sure, one_side, views, region),
+            mesh=color_mesh(surface.mesh, views))
+
+    def key_view(self) -> KeyView | None:
+        """Chooses the view that shows the most parts; call it after `measure`."""
+        return find_key_view(self.views, self.segmenter)
+
+    def _begin_fusion(self) -> DepthFusion:
+        """Finds the region in the views so far and fuses them.
+
+        Raises:
+            ScanError: no support plane, or nothing stands on it.
+        """
+        views = self.views
+        fusion = DepthFusion(find_region(views, self._config), self._config, self._unit_volume)
+        if not any(self._config.roi_size_m):
+            self._second_container = second_container(views, fusion.region)
+        fused = []
+        for view in views:
+            try:
+                fused.append(fusion.integrate(view))
+            except ViewError as error:
+                self.refused_late.append(error)
+        self._memory.replace_all(fused)
+        return fusion
+
+
+def _reasons(stack: MeasuredStack, is_sure: bool, one_side: bool, views: list[View],
+             region: Region) -> tuple[str, ...]:
+    """Lists what qualifies a measured stack.
+
+    Args:
+        stack: as measured.
+        is_sure: the container, or that there is none, is sure.
+        one_side: all views come from one side.
+        views: of the scan.
+        region: of the scan.
+    """
+    is_heap = stack.container.kind == "none"
+    reasons = {
+        "one_side": one_side,
+        "low_coverage": stack.coverage < SETTINGS.low_coverage,
+        "nothing_found": is_heap and stack.stack_volume == 0,
+        "container_unsure": not is_sure,
+        "cut_by_image": is_heap and stack_leaves_every_image(views, region),
+    }
+    return tuple(reason for reason, holds in reasons.items() if holds)
