@@ -20,8 +20,8 @@ from tqdm import tqdm
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.eval.common.sets import folder_of
-from stack_counter.multiview.scan import depth_scan
-from stack_counter.pipeline import StackCounter, volume_of
+from stack_counter.pipeline import StackCounter
+from stack_counter.reconstruction import PictureReconstruction
 from stack_counter.sim import DepthCamera, Scene, read_scenes, record
 from stack_counter.types import PARTS, View
 
@@ -93,13 +93,14 @@ def evaluate(scene: Scene, views: list[View]) -> Row:
         return Row(scene.index, scene.container.kind, found, reasons, depth,
                    {name: None if v is None else v / truth - 1 for name, v in by_source.items()})
 
-    try:
-        scan = depth_scan(pictures, config)
-        result = volume_of(scan, config)
-    except ScanError:  # as in the product, the hull stands
+    scan = PictureReconstruction(config)
+    for view in pictures:
+        scan.add(view)
+    result = scan.measure(taught=None)
+    if scan.stereo is None:  # stereo measured too little
         return row("hull", ("no_depth",), None)
     by_source["pictures"] = result.stack_volume
-    return row(result.container.kind, result.reasons, depth_errors(scan.views, views))
+    return row(result.container.kind, result.reasons, depth_errors(scan.stereo.views, views))
 
 
 def _volume(views: list[View]) -> float | None:

@@ -37,6 +37,7 @@ class PictureReconstruction:
         refused_late: empty; kept views are never refused later.
         region: None; pictures are not cropped.
         segmenter: passes on the views' own label images.
+        stereo: views with stereo depth that the last `measure` rests on; None where the hull is.
     """
 
     refused_late: tuple[ViewError, ...] = ()
@@ -46,7 +47,7 @@ class PictureReconstruction:
         """`unit_volume`: volume of one part, m3; 0 where it is not known."""
         self._config, self._unit_volume = config, unit_volume
         self._memory = ViewMemory(config.live)
-        self._stereo: StereoScan | None = None  # of the last volume, where stereo measured it
+        self.stereo: StereoScan | None = None
         self.segmenter: Segmenter = GivenLabels()
 
     @property
@@ -82,7 +83,7 @@ class PictureReconstruction:
         Raises:
             ScanError: no voxel is left after carving.
         """
-        self._stereo = None
+        self.stereo = None
         if not any(np.any(require_labels(view) == PARTS) for view in self.views):
             return replace(self._measure_hull(), stack_volume=0.0, stack_volume_std=0.0,
                            reasons=("nothing_found",))
@@ -93,11 +94,11 @@ class PictureReconstruction:
 
     def key_view(self) -> KeyView | None:
         """Chooses the view that shows the most parts; with depth where stereo measured it."""
-        if self._stereo is None:
+        if self.stereo is None:
             return find_key_view(self.views, self.segmenter)
-        key_view = find_key_view(self._stereo.views, self.segmenter)
+        key_view = find_key_view(self.stereo.views, self.segmenter)
         return key_view and replace(
-            key_view, T_world_camera=self._stereo.T_world_upright @ key_view.T_world_camera)
+            key_view, T_world_camera=self.stereo.T_world_upright @ key_view.T_world_camera)
 
     def _measure_stereo(self, taught: TaughtContainer | None) -> StackVolume:
         """Measures V as from a depth camera, or of a closed container by labels and depth.
@@ -116,7 +117,7 @@ class PictureReconstruction:
         volume = depth.measure(taught)
         if stereo.is_closed(volume, self._config):
             volume = stereo.carved(volume, self._config.voxel_size or COARSEST)
-        self._stereo = stereo
+        self.stereo = stereo
         return stereo.in_world(volume)
 
     def _measure_hull(self) -> StackVolume:
