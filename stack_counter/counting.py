@@ -8,12 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from stack_counter.errors import PartError
-from stack_counter.types import OccupancyEstimate, StackCount, StackVolume
+from stack_counter.types import OccupancyEstimate, Reason, StackCount, StackVolume
 
 _ROUNDING = 1e-6  # of a part: an exact bound is not pushed to the next number by rounding
-# Reasons that make a count less than what was asked for.
-_DEGRADING = {"no_depth", "bag_truncated", "low_coverage", "views_lost", "cut_by_image",
-              "container_unsure", "camera_missing", "part_disagrees"}
 
 
 def check_unit_volume(unit_volume: float) -> float:
@@ -51,13 +48,14 @@ def make_count(volume: StackVolume, unit_volume: float, estimate: OccupancyEstim
         confidence=confidence, gamma=estimate.gamma, gamma_std=estimate.gamma_std,
         unit_volume=unit_volume, volume=volume, estimator=estimate.estimator,
         gamma_shares=estimate.shares, counted_scans=estimate.counted_scans)
-    return flagged(result, *volume.reasons, *estimate.reasons)
+    return with_reasons(result, *volume.reasons, *estimate.reasons)
 
 
-def flagged(count: StackCount, *reasons: str) -> StackCount:
-    """The count with further reasons, each named once, and the status they give it."""
+def with_reasons(count: StackCount, *reasons: Reason) -> StackCount:
+    """Returns the count with further reasons, each named once, and the status they give it."""
     every = tuple(dict.fromkeys(count.reasons + reasons))
-    return replace(count, reasons=every, status="degraded" if _DEGRADING & set(every) else "ok")
+    degraded = any(reason.degrades for reason in every)
+    return replace(count, reasons=every, status="degraded" if degraded else "ok")
 
 
 def conformal_quantile(scores: np.ndarray, share: float) -> float:

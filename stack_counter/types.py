@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from enum import Enum
 
 import numpy as np
 
@@ -14,6 +15,103 @@ BACKGROUND, CONTAINER, PARTS = 0, 1, 2  # the values of a label image
 UNSEEN = 255  # pixels that a rectified label image has and the camera had not
 # free: any open container with a level rim; hull: only an outline is known, no inner surface.
 CONTAINER_KINDS = ("box", "round", "free", "none", "hull")
+
+
+class Reason(str, Enum):
+    """What qualifies a result: its slug, and one sentence for the person who reads it.
+
+    Messages, files and JSON hold the slug. One that this release does not know (of a newer node)
+    is kept under its own name. docs/reasons.md is made of this class.
+
+    Attributes:
+        sentence: what was seen, and what to do about it.
+        degrades: the count is less than what was asked for, so its status is `degraded`.
+    """
+
+    sentence: str
+    degrades: bool
+
+    def __new__(cls, slug: str, sentence: str = "", degrades: bool = False) -> Reason:
+        reason = str.__new__(cls, slug)
+        reason._value_, reason.sentence, reason.degrades = slug, sentence, degrades
+        return reason
+
+    @classmethod
+    def _missing_(cls, value: object) -> Reason | None:
+        if not isinstance(value, str):
+            return None
+        unknown = str.__new__(cls, value)
+        unknown._name_, unknown._value_, unknown.degrades = value.upper(), value, False
+        unknown.sentence = f"This release does not know the reason {value}; update it."
+        return unknown
+
+    def __str__(self) -> str:
+        return str(self.value)
+
+    def __format__(self, spec: str) -> str:
+        return format(str(self.value), spec)
+
+    NO_DEPTH = (
+        "no_depth", "No depth was measured on most of the stack, so V is the hull of its outlines "
+        "and mostly too large; record aligned depth images.", True)
+    DEPTH_FROM_PICTURES = (
+        "depth_from_pictures", "Depth was computed from colour pictures, which measures V less "
+        "exactly than a depth camera does; record aligned depth for a narrower interval.")
+    ONE_SIDE = (
+        "one_side", "All views look from nearly the same direction, so parts of the surface are "
+        "hidden from all of them; move the camera around the stack for a narrower interval.")
+    LOW_COVERAGE = (
+        "low_coverage", "Much of the container's footprint was seen by no view, and V is a guess "
+        "there; add views that look into the container.", True)
+    NOTHING_FOUND = (
+        "nothing_found", "Neither a container nor parts were found, so the count is 0; if there "
+        "are some, check the region of interest, the camera poses and the labels.")
+    CONTAINER_UNSURE = (
+        "container_unsure", "Something like a rim was seen but no container could be fitted, so "
+        "all was counted as a heap; show the whole rim, or configure or teach the container.",
+        True)
+    CUT_BY_IMAGE = (
+        "cut_by_image", "The heap reaches the border of every image, so some of it may be "
+        "missing; move the camera back or aim it at the heap.", True)
+    VIEWS_LOST = (
+        "views_lost", "Views that the collector had sent never reached the reconstructor, so V "
+        "rests on fewer; check network and load of the machines, then scan again.", True)
+    CAMERA_MISSING = (
+        "camera_missing", "At least one camera of the rig gave this scan no view (see "
+        "missing_cameras); check its cable, its driver and its topics.", True)
+    BAG_TRUNCATED = (
+        "bag_truncated", "The recording is cut short and was counted from what is left of it; "
+        "record again, and end the recorder before the file is copied.", True)
+    SINGLE_VIEW = (
+        "single_view", "gamma was read from one depth image, without walls and floor of the "
+        "container; record aligned depth in every view.")
+    SHALLOW_STACK = (
+        "shallow_stack", "The parts lie scattered rather than piled, which training hardly "
+        "covers; the interval is wider, and a fuller container narrows it.")
+    FEW_PARTS = (
+        "few_parts", "There are fewer parts than in the training piles; the interval is wider, "
+        "and counting by hand is quick.")
+    LARGE_PART = (
+        "large_part", "The container is only a few part sizes wide, less than in training; check "
+        "the part's volume, or count such parts in a wider container.")
+    UNLIKE_TRAINING = (
+        "unlike_training", "The surface is unlike all that the network learnt from, as with a "
+        "wrong part volume, ordered packing or foreign objects; check part and container.")
+    PART_DISAGREES = (
+        "part_disagrees", "The estimator contradicts what is known of this part, as with another "
+        "part in the container, ordered packing or foreign objects; check the content.", True)
+    FILL_UNLIKE_PILES = (
+        "fill_unlike_piles", "The fill is lower or the container narrower than in all piles known "
+        "of this part; count one such container and add it (stack-counter part calibrate).")
+    PART_UNUSED = (
+        "part_unused", "What is known of the part was not used, for want of depth or a container "
+        "or because another part volume was given; record depth, or name the part alone.")
+    CALIBRATED_ELSEWHERE = (
+        "calibrated_elsewhere", "None of the part's counted scans is of this rig; count one "
+        "container on it and add it (stack-counter part calibrate).")
+    ESTIMATOR_UNHEARD = (
+        "estimator_unheard", "The part's piles were read by another estimator, so this one was "
+        "not asked; run stack-counter part add again with it.")
 
 
 @dataclass(frozen=True)
@@ -42,7 +140,7 @@ class Intrinsics:
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], float)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class View:
     """One posed image.
 
@@ -67,7 +165,7 @@ class View:
     fixed: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Container:
     """What holds the parts.
 
@@ -101,7 +199,7 @@ class Container:
         return (x + wall, y + wall, depth + self.floor_thickness_m)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HeightMap:
     """Heights over a regular grid.
 
@@ -117,7 +215,7 @@ class HeightMap:
     heights: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class KeyView:
     """The view that shows the most parts, cropped to them (paper, section 3.2).
 
@@ -154,7 +252,7 @@ class ViewTally:
                          dict(Counter(self.skipped) + Counter(later.skipped)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """Triangles: vertices (n, 3) float32 metres, world; triangles (m, 3) int32; colours (n, 3)
     uint8 RGB or None."""
@@ -164,7 +262,7 @@ class Mesh:
     colors: np.ndarray | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StackVolume:
     """The stack as reconstructed from one scan.
 
@@ -178,10 +276,11 @@ class StackVolume:
         inner: inner surface of the container (floor) on the same grid.
         key_view: None if no view showed parts.
         views: tally of the scan so far.
-        reasons: slugs that qualify the result, e.g. `no_depth`.
+        reasons: what qualifies the result.
         seconds: time spent by stage, s.
         mesh: carved surface, world frame, for display.
-        missing_cameras: of the rig, that gave no view.
+        missing_cameras: names of the rig's cameras that gave no view.
+        one_side: all views look from nearly the same direction, as those of one fixed camera.
     """
 
     stamp_ns: int
@@ -194,10 +293,11 @@ class StackVolume:
     inner: HeightMap | None
     key_view: KeyView | None
     views: ViewTally
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     mesh: Mesh | None = None
     missing_cameras: tuple[str, ...] = ()
+    one_side: bool = False
 
     @property
     def overfilled(self) -> bool:
@@ -207,11 +307,11 @@ class StackVolume:
     def without(self, cameras: Iterable[str]) -> StackVolume:
         """The volume of a scan to which these cameras gave nothing."""
         missing = tuple(cameras)
-        reasons = self.reasons + (("camera_missing",) if missing else ())
+        reasons = self.reasons + ((Reason.CAMERA_MISSING,) if missing else ())
         return replace(self, missing_cameras=missing, reasons=reasons)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OccupancyEstimate:
     """gamma with its relative error.
 
@@ -222,7 +322,7 @@ class OccupancyEstimate:
             of true over estimated, in its relative standard deviations; the interval comes from
             their quantiles.
         estimator: name, e.g. `depth_corrected (baseline)`.
-        reasons: slugs that qualify the estimate.
+        reasons: what qualifies the estimate.
         shares: what gamma comes from and how much each weighed, together 1: `estimator`, `piles`
             of this part, `counted` scans of it, `training` piles of other parts.
         counted_scans: of this part on this rig that it rests on.
@@ -232,12 +332,12 @@ class OccupancyEstimate:
     gamma_std: float
     scores: np.ndarray
     estimator: str
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
     shares: dict[str, float] = field(default_factory=lambda: {"estimator": 1.0})
     counted_scans: int = 0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StackCount:
     """The answer: how many parts, and how sure.
 
@@ -251,8 +351,8 @@ class StackCount:
         estimator: who said gamma.
         gamma_shares: how much it and what is known of the part weighed; see `OccupancyEstimate`.
         counted_scans: that gamma rests on.
-        status: `ok`, or `degraded` when a reason weakens the count.
-        reasons: slugs.
+        status: `ok`, or `degraded` where one of the reasons degrades.
+        reasons: what qualifies the count.
         seconds: time spent by stage, s.
     """
 
@@ -265,7 +365,7 @@ class StackCount:
     volume: StackVolume
     estimator: str
     status: str = "ok"
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
     gamma_shares: dict[str, float] = field(default_factory=lambda: {"estimator": 1.0})
     counted_scans: int = 0
     seconds: dict[str, float] = field(default_factory=dict)

@@ -7,10 +7,17 @@ import pytest
 from safetensors.numpy import save_file
 
 from stack_counter.config import CounterConfig
-from stack_counter.counting import conformal_quantile, flagged, make_count, verdict
+from stack_counter.counting import conformal_quantile, make_count, verdict, with_reasons
 from stack_counter.errors import ConfigError, PartError, WeightsError
 from stack_counter.occupancy.baselines import FORMAT, Baselines, make_estimator, normalized_height
-from stack_counter.types import Container, HeightMap, OccupancyEstimate, StackVolume, ViewTally
+from stack_counter.types import (
+    Container,
+    HeightMap,
+    OccupancyEstimate,
+    Reason,
+    StackVolume,
+    ViewTally,
+)
 
 
 def volume(V, std=0.0, heights=None, floor=0.0, reasons=()):
@@ -69,11 +76,11 @@ def test_unit_volume_must_be_positive(unit_volume):
 
 
 def test_reasons_degrade():
-    assert make_count(volume(1e-3, reasons=("no_depth",)), 1e-6, estimate(), 0.9).status \
+    assert make_count(volume(1e-3, reasons=(Reason.NO_DEPTH,)), 1e-6, estimate(), 0.9).status \
         == "degraded"
     plain = make_count(volume(1e-3), 1e-6, estimate(), 0.9)
     assert plain.status == "ok"
-    assert flagged(plain, "bag_truncated", "bag_truncated").reasons == ("bag_truncated",)
+    assert with_reasons(plain, *2 * [Reason.BAG_TRUNCATED]).reasons == (Reason.BAG_TRUNCATED,)
 
 
 @pytest.mark.parametrize("interval, said", [((95, 105), "pass"), ((90, 110), "pass"),

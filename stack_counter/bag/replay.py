@@ -14,14 +14,14 @@ from typing import Any
 from stack_counter.bag.reader import BagReader, fit_rig, read_views
 from stack_counter.config import CollectorConfig, Config
 from stack_counter.container.catalogue import TaughtContainer, taught_from
-from stack_counter.counting import flagged
+from stack_counter.counting import with_reasons
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.pipeline import StackCounter, count_stack
 from stack_counter.segmentation.prompts import read_prompts
 from stack_counter.segmentation.scan_labels import ScanLabels
-from stack_counter.types import StackCount, StackVolume, View, ViewTally
+from stack_counter.types import Reason, StackCount, StackVolume, View, ViewTally
 from stack_counter.views.cycles import Cycle, CycleGrouper
 from stack_counter.views.rig import RigAssembler, load_rig
 
@@ -95,7 +95,7 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float,
     volume, truncated = _volume(stack, path, config.collector, rate, after_view)
     count = count_stack(volume, part, estimator, confidence)
     if truncated:
-        count = flagged(count, "bag_truncated")
+        count = with_reasons(count, Reason.BAG_TRUNCATED)
     total = time.perf_counter() - begin
     spent = sum(count.seconds.values())
     return Replayed(replace(count, seconds={
@@ -144,7 +144,9 @@ def bag_volume(path: Path, config: Config, unit_volume: float, on_view: Callable
         volume, truncated = volumes[0], reader.truncated
     else:
         volume, truncated = _volume(stack, path, config.collector, 0.0, on_view)
-    return replace(volume, reasons=(*volume.reasons, "bag_truncated")) if truncated else volume
+    if truncated:
+        volume = replace(volume, reasons=(*volume.reasons, Reason.BAG_TRUNCATED))
+    return volume
 
 
 def bag_views(path: Path, config: Config) -> list[View]:
@@ -201,8 +203,9 @@ def _replay_cycles(path: Path, config: Config, stack: StackCounter, part: Part,
     if last is None:
         raise no_count(errors[0] if errors else "0 cycles; expected one or more",
                        assembler.tally, assembler.last_errors)
-    return Replayed(flagged(last, *(["bag_truncated"] if reader.truncated else [])), counts,
-                    tuple(errors))
+    if reader.truncated:
+        last = with_reasons(last, Reason.BAG_TRUNCATED)
+    return Replayed(last, counts, tuple(errors))
 
 
 def _assembled(path: Path, collector: CollectorConfig) -> tuple[BagReader, RigAssembler]:

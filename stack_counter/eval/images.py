@@ -23,7 +23,7 @@ from stack_counter.eval.common.sets import folder_of
 from stack_counter.pipeline import StackCounter
 from stack_counter.reconstruction import PictureReconstruction
 from stack_counter.sim import DepthCamera, Scene, read_scenes, record
-from stack_counter.types import PARTS, View
+from stack_counter.types import PARTS, Reason, View
 
 IDEAL = DepthCamera(sigma_m=0.0, sigma_per_m2=0.0, step_m=1e-6)
 _CLOSE = 0.003  # a depth nearer than this to the truth is right, m
@@ -49,7 +49,7 @@ class Row:
     index: int
     kind: str
     found: str
-    reasons: tuple[str, ...]
+    reasons: tuple[Reason, ...]
     depth: DepthErrors | None
     errors: dict[str, float | None]
 
@@ -89,7 +89,7 @@ def evaluate(scene: Scene, views: list[View]) -> Row:
     ideal = _volume([replace(view, labels=None) for view in views])
     by_source = {"pictures": hull, "hull": hull, "ideal_depth": ideal}
 
-    def row(found: str, reasons: tuple[str, ...], depth: DepthErrors | None) -> Row:
+    def row(found: str, reasons: tuple[Reason, ...], depth: DepthErrors | None) -> Row:
         return Row(scene.index, scene.container.kind, found, reasons, depth,
                    {name: None if v is None else v / truth - 1 for name, v in by_source.items()})
 
@@ -98,7 +98,7 @@ def evaluate(scene: Scene, views: list[View]) -> Row:
         scan.add(view)
     result = scan.measure(taught=None)
     if scan.stereo is None:  # stereo measured too little
-        return row("hull", ("no_depth",), None)
+        return row("hull", (Reason.NO_DEPTH,), None)
     by_source["pictures"] = result.stack_volume
     return row(result.container.kind, result.reasons, depth_errors(scan.stereo.views, views))
 

@@ -33,7 +33,7 @@ from stack_counter.pipeline import count_stack
 from stack_counter.sim import RECONSTRUCTED_KIND, SCENES_PER_RIG, Scene, read_scenes
 from stack_counter.teaching import Pile, PileScan, make_order, models_of, simulate_part
 from stack_counter.train import reconstruct
-from stack_counter.types import OccupancyEstimate, StackVolume
+from stack_counter.types import OccupancyEstimate, Reason, StackVolume
 
 ROWS = ("v only", "CAD", "one counted scan", "CAD and one counted scan", "three counted scans",
         "CAD and three counted scans")
@@ -52,7 +52,7 @@ class Answer:
     low: int
     high: int
     estimator_share: float
-    reasons: tuple[str, ...]
+    reasons: tuple[Reason, ...]
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,16 @@ from stack_counter.multiview.stereo import depth_from_pictures
 from stack_counter.multiview.support_plane import find_upright, show_support
 from stack_counter.multiview.visual_hull import VisualHull, carve_visual_hull
 from stack_counter.segmentation.labels import require_labels
-from stack_counter.types import CONTAINER, PARTS, Container, HeightMap, Mesh, StackVolume, View
+from stack_counter.types import (
+    CONTAINER,
+    PARTS,
+    Container,
+    HeightMap,
+    Mesh,
+    Reason,
+    StackVolume,
+    View,
+)
 
 _MAX_WIDTH = 640  # larger pictures are made a whole number of times smaller, pixels
 _HULL_VOXEL = 0.006  # of the hull that bounds the depth, m
@@ -65,10 +74,11 @@ class StereoScan:
         plane_z = float(heap.container.T_world_container[2, 3])
         found = carve_closed_container(self.views, self.hull, voxel_size, plane_z)
         inner = HeightMap(found.top.T_world_map, found.top.pitch, np.zeros_like(found.top.heights))
-        reasons = () if found.measured >= _MOSTLY else ("no_depth",)  # there the hull stands
+        reasons = () if found.measured >= _MOSTLY else (Reason.NO_DEPTH,)  # there the hull stands
         return replace(
             heap, stack_volume=found.volume, stack_volume_std=found.volume_std, top=found.top,
             inner=inner, coverage=found.measured, fill_level=(0.0, 0.0, 0.0), reasons=reasons,
+            one_side=False,
             container=Container("hull", geometry.pose(np.eye(3), self.hull.middle)),
             mesh=Mesh(found.surface.astype(np.float32), np.zeros((0, 3), np.int32)))
 
@@ -88,7 +98,7 @@ class StereoScan:
             mesh=mesh and replace(mesh, vertices=geometry.apply(T, mesh.vertices).astype(
                 np.float32)),
             key_view=key and replace(key, T_world_camera=T @ key.T_world_camera),
-            reasons=("depth_from_pictures", *volume.reasons))
+            reasons=(Reason.DEPTH_FROM_PICTURES, *volume.reasons))
 
 
 def depth_scan(views: list[View], config: ReconstructorConfig) -> StereoScan:

@@ -21,7 +21,7 @@ from stack_counter.ros.diagnostics import WARN, Rate
 from stack_counter.ros.lifecycle import ManagedNode, run
 from stack_counter.ros.qos import LATCHED, RELIABLE
 from stack_counter.ros.standard_messages import to_header
-from stack_counter.types import ViewTally
+from stack_counter.types import Reason, ViewTally
 
 _OLD_S = 10.0  # without a view in continuous mode
 _LOST_AFTER_S = 5.0  # a scan that was stopped waits this long for images on their way
@@ -158,7 +158,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
                 self._display.show(self._stack, None, header, final)
             return
         if lost > 0:
-            volume = replace(volume, reasons=volume.reasons + ("views_lost",))
+            volume = replace(volume, reasons=volume.reasons + (Reason.VIEWS_LOST,))
         volume = replace(volume, views=self._tally(volume.views)).without(missing)
         self._last_volume = volume.stack_volume
         self._volume.publish(to_stack_volume(volume, frame, scan, final))

@@ -12,7 +12,7 @@ from safetensors import SafetensorError, safe_open
 
 from stack_counter.config import CounterConfig
 from stack_counter.errors import ConfigError, WeightsError
-from stack_counter.types import OccupancyEstimate, StackVolume
+from stack_counter.types import OccupancyEstimate, Reason, StackVolume
 
 _SHIPPED = "baselines.safetensors"
 FORMAT = "stack_counter baselines 1"
@@ -88,7 +88,7 @@ class Prior:
 
     def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
         """The training mean and spread; reason `no_depth` if there was no depth to read."""
-        reasons = ("no_depth",) if volume.top is None else ()
+        reasons = (Reason.NO_DEPTH,) if volume.top is None else ()
         return _with_spread(float(self._fit.prior[0]), self._fit.ratios["prior"], self.name,
                             reasons)
 
@@ -126,7 +126,7 @@ class DepthCorrected:
         return _with_spread(gamma, self._fit.ratios["corrected"], self.name)
 
 
-def _with_spread(gamma: float, ratios: np.ndarray, name: str, reasons: tuple[str, ...] = ()
+def _with_spread(gamma: float, ratios: np.ndarray, name: str, reasons: tuple[Reason, ...] = ()
                  ) -> OccupancyEstimate:
     """An estimate whose errors are all alike: `ratios` of true over estimated gamma."""
     logs = np.log(np.maximum(ratios, 1e-6))

@@ -26,7 +26,7 @@ from stack_counter.occupancy.maps import (
     surface_features,
     tiles,
 )
-from stack_counter.types import OccupancyEstimate, StackVolume
+from stack_counter.types import OccupancyEstimate, Reason, StackVolume
 
 if TYPE_CHECKING:
     from stack_counter.occupancy.depth_anything import MonocularDepth
@@ -91,15 +91,14 @@ class NetworkEstimator:
         from_key_view = volume.top is None
         if not maps.height.any():
             return OccupancyEstimate(0.5, 0.25, self._scores, self.name)
-        one_side = "one_side" in volume.reasons
-        scores = self._one_side if one_side else self._scores
+        scores = self._one_side if volume.one_side else self._scores
         log_gamma, spread, form = predict(self._members, maps)
-        gamma = min(float(np.exp(log_gamma + self._centers[int(one_side)])), _LARGEST_GAMMA)
+        gamma = min(float(np.exp(log_gamma + self._centers[int(volume.one_side)])), _LARGEST_GAMMA)
         reasons, wider = doubt_reasons(
             maps, gamma * volume.stack_volume / unit_volume, float(np.exp(form[0])),
             volume.container.kind not in ("none", "hull"), self._known)
         if from_key_view:
-            reasons, wider = [*reasons, "single_view"], max(wider, _SINGLE_VIEW)
+            reasons, wider = [*reasons, Reason.SINGLE_VIEW], max(wider, _SINGLE_VIEW)
         return OccupancyEstimate(gamma, gamma * spread * wider, scores, self.name,
                                  tuple(reasons))
 
@@ -208,7 +207,7 @@ def _last_input(net: GammaNet, x: torch.Tensor) -> np.ndarray:
 
 
 def doubt_reasons(maps: StackMaps, parts: float, size: float, walled: bool, known: TrainingDomain
-           ) -> tuple[list[str], float]:
+           ) -> tuple[list[Reason], float]:
     """Reasons to doubt an estimate, and how much wider they make its spread.
 
     Args:
@@ -218,13 +217,13 @@ def doubt_reasons(maps: StackMaps, parts: float, size: float, walled: bool, know
         walled: in a container.
         known: what was learnt from.
     """
-    far, reasons = known.strangeness(maps), []
+    far, reasons = known.strangeness(maps), list[Reason]()
     if maps.height[maps.valid].mean() < _SHALLOW:
-        reasons.append("shallow_stack")
+        reasons.append(Reason.SHALLOW_STACK)
     if parts < _LEAST_PARTS:
-        reasons.append("few_parts")
+        reasons.append(Reason.FEW_PARTS)
     if walled and min(maps.valid.shape) / PIXELS_PER_LENGTH < _LEAST_WIDTH * size:
-        reasons.append("large_part")
+        reasons.append(Reason.LARGE_PART)
     if far > 1:
-        reasons.append("unlike_training")
+        reasons.append(Reason.UNLIKE_TRAINING)
     return reasons, max(far, _DOUBTED if reasons else 1.0)

@@ -97,7 +97,7 @@ def counted_scan(part: Part, volume: StackVolume, count: int, estimator: Occupan
     scan = CountedScan(
         str(date.today()), bag, count,
         float(np.log(count * part.unit_volume / volume.stack_volume)), said, estimator.name,
-        height, width, "one_side" in volume.reasons, volume.container.kind,
+        height, width, volume.one_side, volume.container.kind,
         tuple(float(x) for x in volume.container.inner_size_m), focal_of(volume))
     if not force:
         _check_new(scan, part.counted, volume)

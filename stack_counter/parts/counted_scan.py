@@ -89,9 +89,8 @@ class CountedScan:
 
 def scans_of_same_rig(history: Sequence[CountedScan], volume: StackVolume) -> list[CountedScan]:
     """Those counted scans that say something of a scan: of the same rig and way of looking."""
-    one_side = "one_side" in volume.reasons
     return [scan for scan in history
-            if scan.one_side == one_side and not scan.rig_difference(volume)]
+            if scan.one_side == volume.one_side and not scan.rig_difference(volume)]
 
 
 def focal_of(volume: StackVolume) -> float:

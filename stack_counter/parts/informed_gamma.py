@@ -14,7 +14,7 @@ from stack_counter.occupancy.baselines import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import scans_of_same_rig
 from stack_counter.parts.gamma_model import PartModels, Reading, read_models, size_of
-from stack_counter.types import OccupancyEstimate, StackVolume
+from stack_counter.types import OccupancyEstimate, Reason, StackVolume
 
 if TYPE_CHECKING:
     from stack_counter.occupancy.network import NetworkEstimator
@@ -70,27 +70,27 @@ def estimate_occupancy(volume: StackVolume, part: Part, estimator: OccupancyEsti
     estimator = tuned_estimator(estimator, part)
     said = estimator.estimate(volume, part.unit_volume)
     history = scans_of_same_rig(part.counted, volume)
-    reasons = said.reasons + (("part_unused",) if part.overridden else ())
+    reasons = said.reasons + ((Reason.PART_UNUSED,) if part.overridden else ())
     if part.counted and not history:
-        reasons += ("calibrated_elsewhere",)
+        reasons += (Reason.CALIBRATED_ELSEWHERE,)
     models = part.models or (other_parts() if history else None)
     if models is not None and (volume.top is None or volume.container.kind in ("none", "hull")):
-        models, reasons = None, (*reasons, "part_unused")
+        models, reasons = None, (*reasons, Reason.PART_UNUSED)
     if models is None or not volume.stack_volume > 0:
         spread = np.hypot(said.gamma_std / said.gamma, part.relative_std)
         return replace(said, gamma_std=said.gamma * float(spread), reasons=reasons)
-    model = models.one_side if "one_side" in volume.reasons else models.arc
+    model = models.one_side if volume.one_side else models.arc
     heard = np.log(said.gamma) if models.estimator == said.estimator else np.nan
     if np.isnan(heard):
-        reasons += ("estimator_unheard",)
+        reasons += (Reason.ESTIMATOR_UNHEARD,)
     scan = Reading(*size_of(volume, part.unit_volume), float(heard))
     belief = model.believe(scan, [s.reading(models.estimator) for s in history],
                            part.relative_std)
     if not model.covers(scan):
-        reasons += ("fill_unlike_piles",)
+        reasons += (Reason.FILL_UNLIKE_PILES,)
     wider = max(abs(belief.surprise) / _DISAGREE, 1.0)
     if wider > 1:
-        reasons += ("part_disagrees",)
+        reasons += (Reason.PART_DISAGREES,)
     gamma = min(float(np.exp(belief.mean)), _LARGEST_GAMMA)
     return OccupancyEstimate(gamma, gamma * belief.std * wider, model.scores, said.estimator,
                              reasons, belief.shares, len(history))

@@ -30,7 +30,7 @@ from stack_counter.segmentation import Segmenter
 from stack_counter.segmentation.from_container import Geometric
 from stack_counter.segmentation.labels import GivenLabels
 from stack_counter.segmentation.scan_labels import ScanLabels
-from stack_counter.types import KeyView, StackVolume, View, ViewTally
+from stack_counter.types import KeyView, Reason, StackVolume, View, ViewTally
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class DepthReconstruction:
             stack_volume_std=stack.stack_volume_std, container=stack.container,
             fill_level=stack.fill_level, coverage=stack.coverage, top=stack.top,
             inner=stack.inner, key_view=None, views=ViewTally(),
-            reasons=_reasons(stack, is_sure, one_side, views, region),
+            reasons=_reasons(stack, is_sure, one_side, views, region), one_side=one_side,
             mesh=color_mesh(surface.mesh, views))
 
     def key_view(self) -> KeyView | None:
@@ -179,7 +179,7 @@ class DepthReconstruction:
 
 
 def _reasons(stack: MeasuredStack, is_sure: bool, one_side: bool, views: list[View],
-             region: Region) -> tuple[str, ...]:
+             region: Region) -> tuple[Reason, ...]:
     """Lists what qualifies a measured stack.
 
     Args:
@@ -191,10 +191,10 @@ def _reasons(stack: MeasuredStack, is_sure: bool, one_side: bool, views: list[Vi
     """
     is_heap = stack.container.kind == "none"
     reasons = {
-        "one_side": one_side,
-        "low_coverage": stack.coverage < SETTINGS.low_coverage,
-        "nothing_found": is_heap and stack.stack_volume == 0,
-        "container_unsure": not is_sure,
-        "cut_by_image": is_heap and stack_leaves_every_image(views, region),
+        Reason.ONE_SIDE: one_side,
+        Reason.LOW_COVERAGE: stack.coverage < SETTINGS.low_coverage,
+        Reason.NOTHING_FOUND: is_heap and stack.stack_volume == 0,
+        Reason.CONTAINER_UNSURE: not is_sure,
+        Reason.CUT_BY_IMAGE: is_heap and stack_leaves_every_image(views, region),
     }
     return tuple(reason for reason, holds in reasons.items() if holds)

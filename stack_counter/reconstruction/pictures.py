@@ -25,7 +25,16 @@ from stack_counter.reconstruction.view_memory import ViewMemory
 from stack_counter.segmentation import Segmenter
 from stack_counter.segmentation.labels import GivenLabels, require_labels
 from stack_counter.segmentation.scan_labels import ScanLabels
-from stack_counter.types import PARTS, Container, KeyView, Mesh, StackVolume, View, ViewTally
+from stack_counter.types import (
+    PARTS,
+    Container,
+    KeyView,
+    Mesh,
+    Reason,
+    StackVolume,
+    View,
+    ViewTally,
+)
 
 _LIVE_VOTES = 2  # views that must call a voxel background for it to go, in live mode
 
@@ -86,7 +95,7 @@ class PictureReconstruction:
         self.stereo = None
         if not any(np.any(require_labels(view) == PARTS) for view in self.views):
             return replace(self._measure_hull(), stack_volume=0.0, stack_volume_std=0.0,
-                           reasons=("nothing_found",))
+                           reasons=(Reason.NOTHING_FOUND,))
         if not self._config.live and all(view.color is not None for view in self.views):
             with suppress(ScanError):  # stereo sees too little: the hull stands
                 return self._measure_stereo(taught)
@@ -136,5 +145,5 @@ class PictureReconstruction:
             stack_volume_std=skin / 2,
             container=Container("hull", geometry.pose(np.eye(3), hull.middle)),
             fill_level=(0.0, 0.0, 0.0), coverage=1.0, top=None, inner=None, key_view=None,
-            views=ViewTally(), reasons=("no_depth",),
+            views=ViewTally(), reasons=(Reason.NO_DEPTH,),
             mesh=Mesh(hull.surface.astype(np.float32), np.zeros((0, 3), np.int32)))

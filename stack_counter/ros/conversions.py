@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import array
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from stack_counter.types import (
     Container,
     HeightMap,
     KeyView,
+    Reason,
     StackCount,
     StackVolume,
     View,
@@ -168,6 +169,16 @@ def from_skips(message: Any) -> dict[str, int]:
     return dict(zip(message.skip_reasons, (int(n) for n in message.skip_counts)))
 
 
+def to_reasons(reasons: Iterable[Reason]) -> list[str]:
+    """Returns the slugs of reasons."""
+    return [reason.value for reason in reasons]
+
+
+def from_reasons(slugs: Iterable[str]) -> tuple[Reason, ...]:
+    """Returns the reasons of slugs; one that this release does not know keeps its slug."""
+    return tuple(Reason(slug) for slug in slugs)
+
+
 def to_seconds(seconds: dict[str, float]) -> StageSeconds:
     """Returns the message of the time spent by stage, s."""
     return StageSeconds(stages=list(seconds), seconds=list(seconds.values()))
@@ -195,7 +206,7 @@ def to_stack_volume(volume: StackVolume, world_frame: str, request: PosedImage, 
         coverage=volume.coverage, overfilled=volume.overfilled,
         missing_cameras=list(volume.missing_cameras), top=to_height_map(volume.top),
         inner=to_height_map(volume.inner), has_key_view=volume.key_view is not None,
-        views=to_tally(volume.views), reasons=list(volume.reasons),
+        views=to_tally(volume.views), reasons=to_reasons(volume.reasons),
         seconds=to_seconds(volume.seconds))
     message.fill_level_min, message.fill_level_mean, message.fill_level_max = volume.fill_level
     if volume.key_view is not None:
@@ -209,6 +220,7 @@ def from_stack_volume(message: StackVolumeMsg) -> StackVolume:
     Raises:
         ViewError: an image of the key view cannot be decoded, or a pose is none.
     """
+    reasons = from_reasons(message.reasons)
     return StackVolume(
         stamp_ns=decoding.stamp_ns(message.header.stamp), stack_volume=message.stack_volume,
         stack_volume_std=message.stack_volume_std, container=from_container(message.container),
@@ -216,7 +228,7 @@ def from_stack_volume(message: StackVolumeMsg) -> StackVolume:
         coverage=message.coverage, top=from_height_map(message.top),
         inner=from_height_map(message.inner), missing_cameras=tuple(message.missing_cameras),
         key_view=from_key_view(message.key_view) if message.has_key_view else None,
-        views=from_tally(message.views), reasons=tuple(message.reasons),
+        views=from_tally(message.views), reasons=reasons, one_side=Reason.ONE_SIDE in reasons,
         seconds=from_seconds(message.seconds))
 
 
@@ -231,7 +243,7 @@ def to_stack_count(count: StackCount, request: StackVolumeMsg) -> StackCountMsg:
     message.unit_volume, message.counted_scans = count.unit_volume, count.counted_scans
     message.gamma_sources = list(count.gamma_shares)
     message.gamma_shares = list(count.gamma_shares.values())
-    message.status, message.reasons = _STATUS_NUMBERS[count.status], list(count.reasons)
+    message.status, message.reasons = _STATUS_NUMBERS[count.status], to_reasons(count.reasons)
     message.seconds = to_seconds(count.seconds)
     return message
 
@@ -244,7 +256,7 @@ def from_stack_count(message: StackCountMsg, volume: StackVolume) -> StackCount:
         unit_volume=message.unit_volume, volume=volume, estimator=message.estimator,
         counted_scans=message.counted_scans,
         gamma_shares=dict(zip(message.gamma_sources, message.gamma_shares)),
-        reasons=tuple(message.reasons), status=_STATUS_NAMES[message.status],
+        reasons=from_reasons(message.reasons), status=_STATUS_NAMES[message.status],
         seconds=from_seconds(message.seconds))
 
 

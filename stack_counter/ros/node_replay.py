@@ -19,11 +19,12 @@ from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
 from stack_counter.bag.reader import BagReader, fit_rig, listened
 from stack_counter.bag.replay import Replayed, count_entry, no_count
 from stack_counter.config import CollectorConfig, Config
-from stack_counter.counting import flagged
+from stack_counter.counting import with_reasons
 from stack_counter.ros.conversions import from_stack_count, from_stack_volume, from_tally
 from stack_counter.ros.player import SETTINGS as PLAYER_SETTINGS
 from stack_counter.ros.player import Player
 from stack_counter.ros.processes import NodeError, NodeProcesses, private_environment
+from stack_counter.types import Reason
 from stack_counter.views.rig import Rig, RigAssembler, load_rig
 
 
@@ -148,7 +149,7 @@ def _collect_result(final: StackCountMsg, player: Player, truncated: bool, entri
         raise no_count(final.error, from_tally(final.views), [])
     count = from_stack_count(final, from_stack_volume(player.volume))
     if truncated:
-        count = flagged(count, "bag_truncated")
+        count = with_reasons(count, Reason.BAG_TRUNCATED)
     by_stamp = {entry["stamp_ns"]: entry for entry in
                 (_count_entry(message) for message in player.counts if not message.error)}
     return Replayed(replace(count, seconds={**count.seconds, **seconds}),

@@ -13,6 +13,7 @@ from stack_counter.types import (
     Intrinsics,
     KeyView,
     OccupancyEstimate,
+    Reason,
     StackVolume,
     ViewTally,
 )
@@ -30,15 +31,16 @@ class ConstantEstimator:
 
     def estimate(self, volume, unit_volume):
         return OccupancyEstimate(self.gamma, 0.1 * self.gamma, np.linspace(-2, 2, 99), self.name,
-                                 ("few_parts",))
+                                 (Reason.FEW_PARTS,))
 
 
-def stack_volume_of_box(kind="box", size=SIZE, focal=610.0, reasons=(), height=0.03):
+def stack_volume_of_box(kind="box", size=SIZE, focal=610.0, one_side=False, height=0.03):
     top = np.full((80, 100), height, np.float32)
     maps = [HeightMap(np.eye(4), 0.001, a) for a in (top, np.zeros_like(top))]
     view = KeyView(0, Intrinsics(4, 4, focal, focal, 2.0, 2.0), np.eye(4), 9, np.zeros((4, 4)))
     return StackVolume(0, height * 0.008, 1e-9, Container(kind, np.eye(4), size), (0, 0.5, 1), 1.0,
-                       *maps, view, ViewTally(), tuple(reasons))
+                       *maps, view, ViewTally(),
+                       one_side=one_side)
 
 
 def gamma_model(shared=0.1, prior=0.03, said=0.04, correlation=0.0, source="piles"):

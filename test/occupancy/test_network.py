@@ -45,7 +45,7 @@ def test_it_says_gamma_and_who_it_is(weights):
 
 
 def test_a_stack_seen_from_one_side_has_scores_of_its_own(weights):
-    seen = replace(stack_volume_of_heights(sine_hills(1.0)), reasons=("one_side",))
+    seen = replace(stack_volume_of_heights(sine_hills(1.0)), one_side=True)
     one, other = (
         network(weights).estimate(s, V) for s in (seen, stack_volume_of_heights(sine_hills(1.0)))
     )

@@ -95,7 +95,7 @@ def test_another_v_than_the_catalogues_is_a_reason():
 
 
 def test_single_views_have_their_own_model(nut):
-    one = estimate_occupancy(stack_volume_of_box(reasons=["one_side"]), nut, ConstantEstimator())
+    one = estimate_occupancy(stack_volume_of_box(one_side=True), nut, ConstantEstimator())
     assert one.gamma == pytest.approx(0.6) and one.gamma_std > 0.6 * 0.2
 
 
@@ -127,7 +127,7 @@ def test_counted_scans_correct_with_and_without_piles(nut):
         stack_volume_of_box("round"),
         stack_volume_of_box(size=(0.2, 0.08, 0.05)),
         stack_volume_of_box(focal=900.0),
-        stack_volume_of_box(reasons=["one_side"]),
+        stack_volume_of_box(one_side=True),
     ],
 )
 def test_a_calibration_of_another_rig_is_not_used(volume):

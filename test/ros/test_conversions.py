@@ -19,6 +19,7 @@ from stack_counter.types import (
     HeightMap,
     Intrinsics,
     KeyView,
+    Reason,
     StackCount,
     StackVolume,
     View,
@@ -69,13 +70,14 @@ def examples():
         stamp_ns=STAMP_NS, stack_volume=1.25e-3, stack_volume_std=2e-5, container=container,
         fill_level=(0.1, 0.5, 1.2), coverage=0.87, top=top,
         inner=dataclasses.replace(top, heights=example_heights(12)), key_view=key_view,
-        views=tally, reasons=("low_coverage",), seconds={"finish": 0.25},
+        views=tally, reasons=(Reason.LOW_COVERAGE, Reason.ONE_SIDE), one_side=True,
+        seconds={"finish": 0.25},
         missing_cameras=("left", "back"))
     count = StackCount(
         count=412, count_interval=(391, 430), confidence=0.95, gamma=0.33, gamma_std=0.02,
         unit_volume=2e-6, volume=volume, estimator="network", status="degraded",
-        reasons=("no_depth", "low_coverage"), gamma_shares={"estimator": 0.75, "piles": 0.25},
-        counted_scans=3, seconds={"gamma": 0.125})
+        reasons=(Reason.NO_DEPTH, Reason("of_a_newer_node")),
+        gamma_shares={"estimator": 0.75, "piles": 0.25}, counted_scans=3, seconds={"gamma": 0.125})
     return {type(example).__name__: example for example in
             (intrinsics, view, container, top, key_view, tally, volume, count)}
 

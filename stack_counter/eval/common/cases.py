@@ -24,7 +24,7 @@ from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
 from stack_counter.sim import Scene, read_scenes
 from stack_counter.train import ideal_surface, reconstruct
-from stack_counter.types import Container, HeightMap, StackVolume, ViewTally
+from stack_counter.types import Container, HeightMap, Reason, StackVolume, ViewTally
 
 ROWS = {"Mean": "prior", "DepthExtrapolated": "depth_extrapolated",
         "DepthCorrected": "depth_corrected", "direct count": "direct", "ours": "network"}
@@ -40,7 +40,7 @@ class Guess:
     low: int
     high: int
     seconds: float
-    reasons: tuple[str, ...]
+    reasons: tuple[Reason, ...]
 
 
 @dataclass(frozen=True)
