@@ -10,8 +10,9 @@ What is named here is for `train`, `eval` and `part`; the rest is the simulator'
 from stack_counter.sim.camera.bags import remove_parts
 from stack_counter.sim.camera.depth_camera import DepthCamera
 from stack_counter.sim.camera.recording import record, record_fixed_camera
+from stack_counter.sim.physics.container_draws import draw_deep_container
 from stack_counter.sim.physics.drop import simulate_pile
-from stack_counter.sim.physics.plans import FRICTION, draw_deep_container, draw_plan_in_container
+from stack_counter.sim.physics.plans import FRICTION, draw_plan_in_container
 from stack_counter.sim.physics.recipes import SCENES_PER_RIG, max_simulated_parts
 from stack_counter.sim.physics.table import lay_out_pieces
 from stack_counter.sim.scenes.containers import RECONSTRUCTED_KIND, ContainerShape

@@ -32,7 +32,7 @@ SEED, COUNT = 5, 2 * SCENES_PER_SHARD + 3  # two full shards and one begun
 class Few(Recipe):
     """A dozen blocks in a small bin."""
 
-    def draw(self, random, shape, pieces, seed, index):
+    def draw_plan(self, random, shape, pieces, seed, index):
         size = shape.part_size
         inner = tuple(random.uniform(3, 3.5, 3) * size)
         box = ContainerShape("bin", np.eye(4), inner, 0.1 * size, 0.1 * size)
@@ -43,7 +43,7 @@ class Few(Recipe):
 class Hopeless(Recipe):
     """No scene can be made."""
 
-    def draw(self, random, shape, pieces, seed, index):
+    def draw_plan(self, random, shape, pieces, seed, index):
         raise SceneError("container too small: none would do")
 
 
@@ -82,14 +82,14 @@ def test_a_scene_depends_on_recipe_seed_and_index_alone():
 
 def test_a_run_of_the_training_families_has_one_part_for_three_scenes():
     recipe = Recipe()
-    shapes = [recipe.shape(3, i, 0) for i in range(7)]
+    shapes = [recipe.draw_shape(3, i, 0) for i in range(7)]
     assert [(s.family, s.seed) for s in shapes[:3]] == [(shapes[0].family, shapes[0].seed)] * 3
     assert len({s.seed for s in shapes}) == 3
-    assert recipe.shape(3, 0, 1).seed == shapes[0].seed != recipe.shape(3, 0, 2).seed
+    assert recipe.draw_shape(3, 0, 1).seed == shapes[0].seed != recipe.draw_shape(3, 0, 2).seed
 
 
 def test_a_library_is_taken_in_turn():
-    taken = [RECIPE.shape(3, i, 0) for i in range(6)]
+    taken = [RECIPE.draw_shape(3, i, 0) for i in range(6)]
     assert {id(s) for s in taken[:3]} == {id(s) for s in LIBRARY}
     assert [id(s) for s in taken[:3]] == [id(s) for s in taken[3:]]
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drops parts into a container or on a heap with PhysX 5 (sapien), until they rest.
 
 Lengths are scaled so that a part is one unit: the engine's tolerances are made for that size.
@@ -7,6 +8,7 @@ Every pile has an engine scene of its own, so that it does not depend on what wa
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,25 +16,70 @@ import numpy as np
 from stack_counter.sim.physics.plans import PilePlan
 from stack_counter.sim.scenes.scene import SceneError
 
-_STEP_S = 1 / 60
-_LAYERS = 3  # of parts a wave
-_WAVE_S = 0.4  # simulated time between two waves
-_CHECK_S, _FALL_S, _SETTLE_S = 0.25, 8.0, 6.0  # between two looks at the speeds; longest times
-# until parts have landed, and until they rest
-_LANDED = 0.5  # units/s of 98% of the parts when the fall is over
-_STILL, _NEARLY_STILL = 0.1, 0.05  # units/s of the fastest part, and of 95% of them, at rest
-_TAP_S, _TAP_SPEED = 0.4, 1.2  # between two taps on the container; units/s that a tap gives
-_SPACING = 2.02  # between dropped parts, in their largest radius
-_ITERATIONS = 8  # of the solver; with 16 piles rest no sooner, and 8 keep the overlap's limit
+
+@dataclass(frozen=True)
+class EngineSettings:
+    """How piles are poured and when they rest; lengths in part sizes (units).
+
+    Chosen where nothing else is said; what comes out is compared with theory and literature by
+    `python -m stack_counter.sim.theory`.
+
+    Attributes:
+        step_s: simulated seconds of one step.
+        solver_iterations: position iterations of the solver. With 16 piles come to rest no
+            sooner, and 8 keep the overlap below the limit.
+        contact_offset: distance from which contacts are made.
+        falling_damping, resting_damping: linear and angular damping per second while parts fall,
+            and once they have landed: what still rolls has rolling friction in a real cell.
+        spacing: distance of dropped parts, in their largest radius.
+        layers: layers of parts in a wave.
+        wave_s: simulated seconds between two waves.
+        check_s: simulated seconds over which speeds are measured.
+        fall_s, settle_s: longest simulated time until parts have landed, and until they rest.
+        landed_share, landed_speed: the fall is over when that share of the parts is slower than
+            that, units/s.
+        rest_speed: speed of the fastest part at rest, units/s.
+        mostly_rest_share, mostly_rest_speed: at rest that share of the parts is slower than that,
+            units/s.
+        tap_s: simulated seconds after each tap on the container.
+        tap_speed: upward speed that a tap gives, units/s.
+        tap_aside: largest sideways share of it.
+        ground_size: half sides of the block under the support plane.
+    """
+
+    step_s: float = 1 / 60
+    solver_iterations: int = 8
+    contact_offset: float = 0.04
+    falling_damping: float = 0.5
+    resting_damping: float = 5.0
+    spacing: float = 2.02
+    layers: int = 3
+    wave_s: float = 0.4
+    check_s: float = 0.25
+    fall_s: float = 8.0
+    settle_s: float = 6.0
+    landed_share: float = 0.98
+    landed_speed: float = 0.5
+    rest_speed: float = 0.1
+    mostly_rest_share: float = 0.95
+    mostly_rest_speed: float = 0.05
+    tap_s: float = 0.4
+    tap_speed: float = 1.2
+    tap_aside: float = 0.6
+    ground_size: tuple[float, float, float] = (60, 60, 1)
+
+
+SETTINGS = EngineSettings()
 
 
 class PileSimulation:
     """One physics scene, lengths in part sizes, container frame."""
 
     def __init__(self, plan: PilePlan, pieces: list[np.ndarray], random: np.random.Generator):
-        """An empty container.
+        """Builds an empty container on the support plane.
 
         Args:
+            plan: what will be dropped where.
             pieces: corners (n, 3) of the part's convex pieces, metres.
             random: draws attitudes and places.
         """
@@ -42,29 +89,33 @@ class PileSimulation:
 
         self._sapien, self._plan, self._random = sapien, plan, random
         size = plan.shape.part_size
-        sapien.physx.set_shape_config(contact_offset=0.04, rest_offset=0.0)
-        sapien.physx.set_body_config(solver_position_iterations=_ITERATIONS)
+        # Engine scene and surface
+        sapien.physx.set_shape_config(contact_offset=SETTINGS.contact_offset, rest_offset=0.0)
+        sapien.physx.set_body_config(solver_position_iterations=SETTINGS.solver_iterations)
         sapien.physx.set_scene_config(enable_tgs=True, enable_enhanced_determinism=True)
         self._scene = sapien.Scene([sapien.physx.PhysxCpuSystem()])
-        self._scene.set_timestep(_STEP_S)
+        self._scene.set_timestep(SETTINGS.step_s)
         self._material = sapien.physx.PhysxMaterial(plan.friction, plan.friction,
                                                     plan.restitution)
+        # The part's pieces; ground and container
         self._pieces = [(piece / size).astype(np.float32) for piece in pieces]
         self._bodies: list[Any] = []
-        self._fixed(sapien.physx.PhysxCollisionShapeBox([60, 60, 1], self._material), -1.0)
+        ground = list(SETTINGS.ground_size)
+        self._add_static(sapien.physx.PhysxCollisionShapeBox(ground, self._material), -ground[2])
         for piece in plan.container.collision_pieces():
-            self._fixed(self._hull((piece / size).astype(np.float32)), 0.0)
+            self._add_static(self._convex_shape((piece / size).astype(np.float32)), 0.0)
 
-    def _hull(self, corners: np.ndarray) -> Any:
+    def _convex_shape(self, corners: np.ndarray) -> Any:
+        """The engine's shape of a convex piece from its (n, 3) float32 corners."""
         return self._sapien.physx.PhysxCollisionShapeConvexMesh(
             vertices=corners, scale=np.ones(3, np.float32), material=self._material)
 
-    def _fixed(self, shape: Any, z: float) -> None:
+    def _add_static(self, shape: Any, z: float) -> None:
         body = self._sapien.physx.PhysxRigidStaticComponent()
         body.attach(shape)
-        self._place(body, [0, 0, z], [1, 0, 0, 0])
+        self._add_body(body, [0, 0, z], [1, 0, 0, 0])
 
-    def _place(self, body: Any, position: Any, quaternion_wxyz: Any) -> None:
+    def _add_body(self, body: Any, position: Any, quaternion_wxyz: Any) -> None:
         entity = self._sapien.Entity()
         entity.add_component(body)
         entity.set_pose(self._sapien.Pose(position, quaternion_wxyz))
@@ -72,64 +123,74 @@ class PileSimulation:
 
     def pour(self) -> None:
         """Drops the planned number of parts, wave upon wave, each on top of all that is there."""
-        spacing = _SPACING * max(np.linalg.norm(piece, axis=1).max() for piece in self._pieces)
-        room = np.maximum(self._plan.column_m / self._plan.shape.part_size - spacing, 0)
+        # Grid of places in the column: each has room for the part at any attitude
+        largest_radius = max(np.linalg.norm(piece, axis=1).max() for piece in self._pieces)
+        spacing = SETTINGS.spacing * largest_radius
+        size = self._plan.shape.part_size
+        room = np.maximum(self._plan.column_m / size - spacing, 0)
         grid = np.floor(room / spacing).astype(int) + 1
         cells = int(np.prod(grid))
-        wave, rim = cells * _LAYERS, self._plan.container.rim_height_m / self._plan.shape.part_size
+        wave, rim = cells * SETTINGS.layers, self._plan.container.rim_height_m / size
         for begin in range(0, self._plan.count, wave):
             top = max([rim, *(body.entity_pose.p[2] for body in self._bodies)]) + spacing
-            loose = np.maximum(room - (grid - 1) * spacing, 0) / 2
+            play = np.maximum(room - (grid - 1) * spacing, 0) / 2
             for i in range(min(wave, self._plan.count - begin)):
                 cell = np.array([i % grid[0], i // grid[0] % grid[1]])
-                xy = (cell - (grid - 1) / 2) * spacing + self._random.uniform(-1, 1, 2) * loose
-                q = self._random.normal(size=4)
-                self._drop([*xy, top + i // cells * spacing], q / np.linalg.norm(q))
-            self._run(_WAVE_S)
+                xy = (cell - (grid - 1) / 2) * spacing + self._random.uniform(-1, 1, 2) * play
+                quaternion = self._random.normal(size=4)
+                self._drop_part([*xy, top + i // cells * spacing],
+                                quaternion / np.linalg.norm(quaternion))
+            self._run(SETTINGS.wave_s)
 
-    def _drop(self, position: list[float], quaternion_wxyz: np.ndarray) -> None:
+    def _drop_part(self, position: list[float], quaternion_wxyz: np.ndarray) -> None:
         body = self._sapien.physx.PhysxRigidDynamicComponent()
         for piece in self._pieces:  # shapes of its own: contacts name bodies by their shapes
-            body.attach(self._hull(piece))
-        body.linear_damping = body.angular_damping = 0.5
-        self._place(body, position, quaternion_wxyz)
+            body.attach(self._convex_shape(piece))
+        body.linear_damping = body.angular_damping = SETTINGS.falling_damping
+        self._add_body(body, position, quaternion_wxyz)
         self._bodies.append(body)
 
     def shake(self) -> None:
         """Taps the container: in its frame all parts are thrown up and aside together."""
         for _ in range(self._plan.taps):
-            aside, turn = self._random.uniform(0, 0.6), self._random.uniform(0, 2 * np.pi)
-            kick = _TAP_SPEED * np.array([aside * np.cos(turn), aside * np.sin(turn), 1])
+            aside = self._random.uniform(0, SETTINGS.tap_aside)
+            heading = self._random.uniform(0, 2 * np.pi)
+            kick = SETTINGS.tap_speed * np.array([aside * np.cos(heading),
+                                                  aside * np.sin(heading), 1])
             for body in self._bodies:
                 body.linear_velocity = body.linear_velocity + kick.astype(np.float32)
-            self._run(_TAP_S)
+            self._run(SETTINGS.tap_s)
 
     def settle(self) -> None:
         """Runs until all parts rest.
 
         Raises:
-            SceneError: `unsettled`.
+            SceneError: `unsettled`: some part still moves when the time is up.
         """
-        for _ in range(round(_FALL_S / _CHECK_S)):
-            if np.quantile(self._speeds(), 0.98) < _LANDED:
+        # Until they have landed
+        for _ in range(round(SETTINGS.fall_s / SETTINGS.check_s)):
+            if np.quantile(self._measure_speeds(), SETTINGS.landed_share) < SETTINGS.landed_speed:
                 break
-        for body in self._bodies:  # what still rolls has rolling friction in a real cell
-            body.linear_damping = body.angular_damping = 5.0
-        for _ in range(round(_SETTLE_S / _CHECK_S)):
-            speeds = self._speeds()
-            if speeds.max() < _STILL and np.quantile(speeds, 0.95) < _NEARLY_STILL:
+        # Until they rest, with the damping of rolling friction
+        for body in self._bodies:
+            body.linear_damping = body.angular_damping = SETTINGS.resting_damping
+        for _ in range(round(SETTINGS.settle_s / SETTINGS.check_s)):
+            speeds = self._measure_speeds()
+            most = np.quantile(speeds, SETTINGS.mostly_rest_share)
+            if speeds.max() < SETTINGS.rest_speed and most < SETTINGS.mostly_rest_speed:
                 return
-        raise SceneError(f"unsettled: {speeds.max():.3f} part sizes/s; expected below {_STILL}")
+        raise SceneError(f"unsettled: {speeds.max():.3f} part sizes/s; expected below "
+                         f"{SETTINGS.rest_speed}")
 
-    def _speeds(self) -> np.ndarray:
+    def _measure_speeds(self) -> np.ndarray:
         """(n,) mean speeds while a quarter of a second is run, units/s: of the way made, as the
         engine's own velocities tremble where contacts are many."""
-        before = self.poses()[:, :3]
-        self._run(_CHECK_S)
-        return np.linalg.norm(self.poses()[:, :3] - before, axis=1) / _CHECK_S
+        start = self.poses()[:, :3]
+        self._run(SETTINGS.check_s)
+        return np.linalg.norm(self.poses()[:, :3] - start, axis=1) / SETTINGS.check_s
 
     def _run(self, seconds: float) -> None:
-        for _ in range(round(seconds / _STEP_S)):
+        for _ in range(round(seconds / SETTINGS.step_s)):
             self._scene.step()
 
     def deepest_overlap(self) -> float:
@@ -139,5 +200,5 @@ class PileSimulation:
 
     def poses(self) -> np.ndarray:
         """(n, 7) float64 position in part sizes and quaternion (x, y, z, w) of each part."""
-        return np.array([[*b.entity_pose.p, *np.roll(b.entity_pose.q, -1)]
-                         for b in self._bodies], float).reshape(-1, 7)
+        return np.array([[*body.entity_pose.p, *np.roll(body.entity_pose.q, -1)]
+                         for body in self._bodies], float).reshape(-1, 7)

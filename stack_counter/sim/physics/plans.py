@@ -1,42 +1,110 @@
-"""What to simulate: a random part, container, number of parts and surface."""
+# SPDX-License-Identifier: Apache-2.0
+"""What to simulate: a random container, number of parts and surface for a part."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from scipy.integrate import trapezoid
 
-from stack_counter import geometry
-from stack_counter.sim.scenes.containers import ROUND_KINDS, ContainerShape
+from stack_counter.sim.physics.container_draws import (
+    draw_container,
+    draw_deep_container,
+    draw_deep_size,
+    draw_kind,
+    draw_shallow_size,
+    expected_gamma,
+    log_uniform,
+    place_container,
+)
+from stack_counter.sim.scenes.containers import ROUND_KINDS, ContainerShape, polygon_area
 from stack_counter.sim.shapes import Shape
 
-MIN_PARTS, MAX_PARTS = 12, 1000
-# Kinds of containers and their shares in the two halves of the training distribution.
-_SHALLOW = {"bin": 0.42, "cylinder": 0.1, "bowl": 0.08, "cup": 0.07, "tray": 0.1, "bag": 0.06,
-            "none": 0.17}
-_DEEP = {"bin": 0.48, "cylinder": 0.14, "bowl": 0.09, "cup": 0.09, "bag": 0.08, "none": 0.12}
-_RIG = {"bin": 0.6, "cylinder": 0.15, "bowl": 0.1, "cup": 0.15}
-_DEEP_SHARE = 2 / 3  # of deep scenes in a mixed set
-_WIDTH = (4.0, 20.0)  # smaller inner side, in part sizes
-_CAPACITY = (60.0, 1000.0)  # parts that the full container holds
-_FILL = (0.06, 1.15)  # of the depth
-_RIG_FILL = (0.15, 1.1)
-FRICTION = (0.2, 0.7)  # of dry parts on each other and on the container
-_SHAKEN = 0.25  # share of piles that are shaken
-_LOWEST = 0.5  # depth of the lowest container, in part sizes
+# Kinds of containers and their shares: in the two halves of the training distribution.
+_SHALLOW_KINDS = {"bin": 0.42, "cylinder": 0.1, "bowl": 0.08, "cup": 0.07, "tray": 0.1,
+                  "bag": 0.06, "none": 0.17}
+_DEEP_KINDS = {"bin": 0.48, "cylinder": 0.14, "bowl": 0.09, "cup": 0.09, "bag": 0.08,
+               "none": 0.12}
 
 
 @dataclass(frozen=True)
+class PlanSettings:
+    """The distribution that piles are drawn from; chosen.
+
+    Attributes:
+        min_parts, max_parts: fewest and most parts of a scene.
+        friction: range of dry parts on each other and on the container.
+        deep_share: share of deep scenes in a mixed set.
+        fill, rig_fill: ranges of the stack's height over the container's depth.
+        restitution: range of all contacts.
+        shaken_share: share of the piles that are shaken.
+        taps: fewest and most of a pile that is shaken.
+        heap_parts: fewest and most parts of a heap.
+        heap_slope_deg: slope of a heap that just lies within its region.
+        min_heap_radius: least radius of a heap's region, in part sizes.
+        heap_column: range of the poured column's side over the radius of the region.
+        column_share, round_column_share: side of the poured column over the container's.
+    """
+
+    min_parts: int = 12
+    max_parts: int = 1000
+    friction: tuple[float, float] = (0.2, 0.7)
+    deep_share: float = 2 / 3
+    fill: tuple[float, float] = (0.06, 1.15)
+    rig_fill: tuple[float, float] = (0.15, 1.1)
+    restitution: tuple[float, float] = (0, 0.3)
+    shaken_share: float = 0.25
+    taps: tuple[int, int] = (3, 6)
+    heap_parts: tuple[int, int] = (20, 700)
+    heap_slope_deg: float = 15
+    min_heap_radius: float = 2.5
+    heap_column: tuple[float, float] = (0.5, 1.2)
+    column_share: float = 0.95
+    round_column_share: float = 0.7
+
+
+@dataclass(frozen=True)
+class BoxPlanSettings:
+    """Scenes like those of the paper's test set.
+
+    Source: paper, section 4 and supplement, "Simulation".
+
+    Attributes:
+        width: range of the smaller side, in part sizes.
+        length, depth, wall: ranges over the width.
+        fill: range of the stack's height over the depth.
+        parts: fewest and most.
+        friction, restitution: ranges of all contacts.
+    """
+
+    width: tuple[float, float] = (4, 6.5)
+    length: tuple[float, float] = (1, 1.3)
+    depth: tuple[float, float] = (0.7, 1)
+    wall: tuple[float, float] = (0.01, 0.05)
+    fill: tuple[float, float] = (0.4, 1.1)
+    parts: tuple[int, int] = (20, 700)
+    friction: tuple[float, float] = (0.3, 0.6)
+    restitution: tuple[float, float] = (0, 0.3)
+
+
+SETTINGS = PlanSettings()
+BOX_SETTINGS = BoxPlanSettings()
+FRICTION = SETTINGS.friction
+
+
+@dataclass(frozen=True, eq=False)
 class PilePlan:
     """What to drop where; metres.
 
     Attributes:
+        shape: the part.
+        container: the container, or the region of a heap.
         column_m: (2,) sides of the column that the parts fall through.
-        count: parts dropped.
-        friction, restitution: of all contacts.
-        taps: how often the container is shaken when it is filled.
+        count: number of parts dropped.
+        friction, restitution: coefficients of all contacts.
+        taps: number of times that the container is shaken when it is filled.
     """
 
     shape: Shape
@@ -48,164 +116,116 @@ class PilePlan:
     taps: int = 0
 
 
-def expected_gamma(shape: Shape) -> float:
-    """gamma to expect, for choosing a number of parts: concave parts are looser."""
-    return 0.58 * shape.convexity**0.6
+@dataclass(frozen=True)
+class Handling:
+    """What is drawn of a pile besides its place; the fields of `PilePlan`."""
+
+    friction: float
+    restitution: float
+    taps: int
 
 
-def draw_mixed_plan(random: np.random.Generator, shape: Shape, most: int) -> PilePlan:
-    """Any container, any fill: deep in two of three scenes."""
-    deep = random.random() < _DEEP_SHARE
-    return (draw_deep_plan if deep else draw_shallow_plan)(random, shape, most)
+def draw_mixed_plan(random: np.random.Generator, shape: Shape, max_parts: int) -> PilePlan:
+    """Draws any container and any fill: deep in two of three scenes."""
+    deep = random.random() < SETTINGS.deep_share
+    return (draw_deep_plan if deep else draw_shallow_plan)(random, shape, max_parts)
 
 
-def draw_shallow_plan(random: np.random.Generator, shape: Shape, most: int) -> PilePlan:
-    """Any width alike, and therefore low stacks where the parts are many: from one layer up."""
-    return _plan(random, shape, most, _SHALLOW, _shallow_size)
+def draw_shallow_plan(random: np.random.Generator, shape: Shape, max_parts: int) -> PilePlan:
+    """Draws any width alike, and therefore low stacks where the parts are many: from one layer
+    up."""
+    return _draw_plan(random, shape, max_parts, _SHALLOW_KINDS, draw_shallow_size)
 
 
-def draw_deep_plan(random: np.random.Generator, shape: Shape, most: int) -> PilePlan:
-    """Containers about as deep as wide, and therefore narrow ones for thin parts."""
-    return _plan(random, shape, most, _DEEP, _deep_size)
+def draw_deep_plan(random: np.random.Generator, shape: Shape, max_parts: int) -> PilePlan:
+    """Draws containers about as deep as wide, and therefore narrow ones for thin parts."""
+    return _draw_plan(random, shape, max_parts, _DEEP_KINDS, draw_deep_size)
 
 
-def _plan(random: np.random.Generator, shape: Shape, most: int, shares: dict[str, float],
-          size_of: Callable[..., np.ndarray]) -> PilePlan:
-    kind = _one_of(random, shares)
-    surface = _surface(random, FRICTION)
-    if kind == "none":
-        return _heap(random, shape, most, surface)
-    container = _container(random, shape, kind, size_of(random, shape, kind, most))
-    return _filled(random, shape, container, most, _FILL, surface)
-
-
-def draw_rig_plan(random: np.random.Generator, rig: np.random.Generator, shape: Shape, most: int
-             ) -> PilePlan:
-    """One pile of a cell in which the container and the friction stay as they are; `rig` draws
-    those, `random` the rest."""
-    container = draw_deep_container(rig, shape, most)
-    friction = rig.uniform(*FRICTION)
-    return draw_plan_in_container(random, shape, container, (friction, friction), most)
+def draw_rig_plan(random: np.random.Generator, rig_random: np.random.Generator, shape: Shape,
+                  max_parts: int) -> PilePlan:
+    """Draws one pile of a cell in which the container and the friction stay as they are:
+    `rig_random` draws those, `random` the rest."""
+    container = draw_deep_container(rig_random, shape, max_parts)
+    friction = rig_random.uniform(*FRICTION)
+    return draw_plan_in_container(random, shape, container, (friction, friction), max_parts)
 
 
 def draw_plan_in_container(random: np.random.Generator, shape: Shape, container: ContainerShape,
-                           friction: tuple[float, float], most: int) -> PilePlan:
-    """Any fill of a given container, the friction between two bounds."""
-    return _filled(random, shape, container, most, _RIG_FILL, _surface(random, friction))
+                           friction: tuple[float, float], max_parts: int) -> PilePlan:
+    """Draws any fill of a given container, the friction between two bounds."""
+    return _draw_fill(random, shape, container, max_parts, SETTINGS.rig_fill,
+                      _draw_handling(random, friction))
 
 
-def draw_deep_container(random: np.random.Generator, shape: Shape, most: int) -> ContainerShape:
-    """A container about as deep as wide, as a cell may have it."""
-    kind = _one_of(random, _RIG)
-    return _container(random, shape, kind, _deep_size(random, shape, kind, most))
+def draw_box_plan(random: np.random.Generator, shape: Shape, max_parts: int) -> PilePlan:
+    """Draws one scene like those of the paper's test set: a box about five parts wide, part to
+    heaped full."""
+    box = BOX_SETTINGS
+    width = random.uniform(*box.width) * shape.part_size
+    size = (width, width * random.uniform(*box.length), width * random.uniform(*box.depth))
+    container = place_container(random, "bin", size, width * random.uniform(*box.wall), 0.0)
+    count = _count_when_full(container, shape) * random.uniform(*box.fill)
+    fewest, most = box.parts
+    return PilePlan(shape, container, _pour_column(container),
+                    int(np.clip(count, fewest, min(max_parts, most))),
+                    random.uniform(*box.friction), random.uniform(*box.restitution))
 
 
-def _one_of(random: np.random.Generator, shares: dict[str, float]) -> str:
-    return str(random.choice(list(shares), p=list(shares.values())))
+def _draw_plan(random: np.random.Generator, shape: Shape, max_parts: int,
+               kind_shares: dict[str, float], draw_size: Callable[..., np.ndarray]) -> PilePlan:
+    """Draws a container whose inner size (3,) `draw_size` gives, or a heap, and its fill."""
+    kind = draw_kind(random, kind_shares)
+    handling = _draw_handling(random, FRICTION)
+    if kind == "none":
+        return _draw_heap(random, shape, max_parts, handling)
+    container = draw_container(random, shape, kind, draw_size(random, shape, kind, max_parts))
+    return _draw_fill(random, shape, container, max_parts, SETTINGS.fill, handling)
 
 
-def _surface(random: np.random.Generator, friction: tuple[float, float]) -> dict:
-    return {"friction": random.uniform(*friction), "restitution": random.uniform(0, 0.3),
-            "taps": int(random.integers(3, 7)) if random.random() < _SHAKEN else 0}
+def _draw_handling(random: np.random.Generator, friction: tuple[float, float]) -> Handling:
+    """Draws friction between two bounds, restitution, and taps of some piles."""
+    fewest, most = SETTINGS.taps
+    return Handling(
+        friction=random.uniform(*friction), restitution=random.uniform(*SETTINGS.restitution),
+        taps=int(random.integers(fewest, most + 1)) if random.random() < SETTINGS.shaken_share
+        else 0)
 
 
-def _filled(random: np.random.Generator, shape: Shape, container: ContainerShape, most: int,
-            fill: tuple[float, float], surface: dict) -> PilePlan:
-    count = _capacity(container, shape) * random.uniform(*fill)
-    return PilePlan(shape, container, _column(container), int(np.clip(count, MIN_PARTS, most)),
-                    **surface)
+def _draw_fill(random: np.random.Generator, shape: Shape, container: ContainerShape,
+               max_parts: int, fill: tuple[float, float], handling: Handling) -> PilePlan:
+    """Draws a number of parts that fill a share of the container between two bounds."""
+    count = _count_when_full(container, shape) * random.uniform(*fill)
+    return PilePlan(shape, container, _pour_column(container),
+                    int(np.clip(count, SETTINGS.min_parts, max_parts)), **asdict(handling))
 
 
-def draw_box_plan(random: np.random.Generator, shape: Shape, most: int) -> PilePlan:
-    """One scene like those of the paper's test set: a box about five parts wide, part to
-    heaped full. Source: paper, section 4 and supplement, "Simulation"."""
-    width = random.uniform(4, 6.5) * shape.part_size
-    size = (width, width * random.uniform(1, 1.3), width * random.uniform(0.7, 1))
-    container = _placed(random, "bin", size, width * random.uniform(0.01, 0.05), 0.0)
-    count = _capacity(container, shape) * random.uniform(0.4, 1.1)
-    return PilePlan(shape, container, _column(container), int(np.clip(count, 20, min(most, 700))),
-                    random.uniform(0.3, 0.6), random.uniform(0, 0.3))
-
-
-def _shallow_size(random: np.random.Generator, shape: Shape, kind: str, most: int) -> np.ndarray:
-    """(3,) inner size in part sizes: a width, and the depth for which a full one holds a drawn
-    number of parts, so that the fill drawn later does not depend on the width."""
-    width = np.exp(random.uniform(*np.log(_WIDTH)))
-    length = width * (
-        1.0 if kind in ROUND_KINDS or random.random() < 0.4 else random.uniform(1, 1.8)
-    )
-    holds = min(np.exp(random.uniform(*np.log(_CAPACITY))), most)
-    space = _space(shape)
-    low, high = {"tray": (0.4, 1.5), "bowl": (0.3 * width, 0.5 * width),
-                 "cup": (0.8 * width, 1.5 * width)}.get(kind, (0.3 * width, 1.1 * width))
-    depth = random.uniform(low, high)
-    if depth * width * length / space > holds:
-        depth = holds * space / (width * length)
-    if depth < _LOWEST:  # not one layer of so many parts: a smaller one
-        width, length = np.array([width, length]) * np.sqrt(depth / _LOWEST)
-        width, length, depth = max(width, _WIDTH[0]), max(length, _WIDTH[0]), _LOWEST
-    return np.array([width, length, depth])
-
-
-def _deep_size(random: np.random.Generator, shape: Shape, kind: str, most: int) -> np.ndarray:
-    """(3,) inner size in part sizes: a form, and the width for which a full one holds a drawn
-    number of parts; of parts so thin that four part sizes are too wide for that, a lower one."""
-    aspect = 1.0 if kind in ROUND_KINDS or random.random() < 0.4 else random.uniform(1, 1.8)
-    low, high = {"bowl": (0.3, 0.5), "cup": (0.8, 1.5)}.get(kind, (0.4, 1.2))
-    form = random.uniform(low, high)  # depth over width
-    space = min(np.exp(random.uniform(*np.log(_CAPACITY))), most) * _space(shape)
-    width = float(np.clip((space / (form * aspect)) ** (1 / 3), *_WIDTH))
-    depth = max(min(form * width, space / (width**2 * aspect)), _LOWEST)
-    return np.array([width, aspect * width, depth])
-
-
-def _space(shape: Shape) -> float:
-    """Room that one part takes in a pile, in cubes of the part size."""
-    return shape.unit_volume / shape.part_size**3 / expected_gamma(shape)
-
-
-def _container(random: np.random.Generator, shape: Shape, kind: str, inner: np.ndarray
-               ) -> ContainerShape:
-    width, _, depth = inner
-    size = inner * shape.part_size
-    draft = 0.0
-    if kind == "cup" or (kind in ("bin", "tray") and random.random() < 0.5):
-        draft = min(np.deg2rad(random.uniform(1, 12)), np.arctan(0.15 * width / depth))
-    wall = width * shape.part_size * random.uniform(0.005, 0.08)
-    return _placed(random, kind, (size[0], size[1], size[2]), wall, draft)
-
-
-def _placed(random: np.random.Generator, kind: str, size: tuple[float, float, float],
-            wall: float, draft: float) -> ContainerShape:
-    turn = random.uniform(-np.pi, np.pi)
-    c, s = np.cos(turn), np.sin(turn)
-    T = geometry.pose(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]),
-                      np.array([*random.uniform(-0.05, 0.05, 2), 0.0]))
-    return ContainerShape(kind, T, size, wall, wall * random.uniform(0.8, 1.2), draft,
-                          int(random.integers(2**31)))
-
-
-def _capacity(container: ContainerShape, shape: Shape) -> float:
-    """Parts that the container may hold, level with the rim."""
+def _count_when_full(container: ContainerShape, shape: Shape) -> float:
+    """Number of parts that the container may hold, level with the rim."""
     rings = container.inner_rings
-    (x, y), (u, w) = rings[..., :2].transpose(2, 0, 1), np.roll(rings[..., :2], -1, 1).transpose(
-        2, 0, 1)
-    volume = trapezoid(np.sum(x * w - u * y, axis=1) / 2, rings[:, 0, 2])
+    volume = trapezoid(polygon_area(rings[..., :2]), rings[:, 0, 2])
     return float(volume) * expected_gamma(shape) / shape.unit_volume
 
 
-def _column(container: ContainerShape) -> np.ndarray:
-    inner = np.array(container.inner_size_m[:2])
-    return inner * (0.7 if container.kind in ROUND_KINDS else 0.95)  # the square in the circle
+def _pour_column(container: ContainerShape) -> np.ndarray:
+    """(2,) sides of the column that parts fall through, metres: of a round container about the
+    square in its circle."""
+    share = SETTINGS.round_column_share if container.kind in ROUND_KINDS \
+        else SETTINGS.column_share
+    return np.array(container.inner_size_m[:2]) * share
 
 
-def _heap(random: np.random.Generator, shape: Shape, most: int, surface: dict) -> PilePlan:
-    """Poured through a column; what lies farther out than a heap of a slope of some 15 degrees
+def _draw_heap(random: np.random.Generator, shape: Shape, max_parts: int, handling: Handling
+               ) -> PilePlan:
+    """Draws a heap poured through a column; what lies farther out than a heap of a gentle slope
     would reach is no part of it."""
-    count = int(np.exp(random.uniform(*np.log((20, min(most, 700))))))
+    fewest, most = SETTINGS.heap_parts
+    count = int(log_uniform(random, (fewest, min(max_parts, most))))
+    # A cone of that slope and volume
     volume = count * shape.unit_volume / expected_gamma(shape)
-    radius = max((3 * volume / (np.pi * np.tan(np.deg2rad(15)))) ** (1 / 3),
-                 2.5 * shape.part_size)
-    region = _placed(random, "none", (2 * radius, 2 * radius, 0.0), 0.0, 0.0)
-    side = random.uniform(0.5, 1.2) * radius
-    return PilePlan(shape, region, np.array([side, side]), count, **surface)
+    slope = np.tan(np.deg2rad(SETTINGS.heap_slope_deg))
+    radius = max((3 * volume / (np.pi * slope)) ** (1 / 3),
+                 SETTINGS.min_heap_radius * shape.part_size)
+    region = place_container(random, "none", (2 * radius, 2 * radius, 0.0), 0.0, 0.0)
+    side = random.uniform(*SETTINGS.heap_column) * radius
+    return PilePlan(shape, region, np.array([side, side]), count, **asdict(handling))

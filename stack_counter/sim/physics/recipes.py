@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which part and which plan scene `index` of a run has."""
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import numpy as np
 
 from stack_counter.sim.physics.collision import convex_pieces
 from stack_counter.sim.physics.plans import (
-    MAX_PARTS,
+    SETTINGS,
     PilePlan,
     draw_box_plan,
     draw_deep_plan,
@@ -19,16 +20,14 @@ from stack_counter.sim.physics.plans import (
 )
 from stack_counter.sim.shapes import FAMILIES, Shape, make_shape
 
-SCENES_PER_SHAPE = 3  # one after the other, as in the paper: their convex pieces are made once
-SCENES_PER_RIG = 9  # of the plan `rig`
-# Convex pieces in a scene, at most: what the engine settles within seconds, or in half a minute.
-_PIECES = {"shallow": 1500, "deep": 2000, "mixed": 2000, "box": 3000, "rig": 2000}
+# Scenes of one part come one after the other: its convex pieces are made once.
+SCENES_PER_SHAPE = 3
+SCENES_PER_RIG = 9
+# Most convex pieces in a scene, by plan: what the engine settles within seconds, or half a minute.
+_MAX_PIECES = {"shallow": 1500, "deep": 2000, "mixed": 2000, "box": 3000, "rig": 2000}
 PLANS: dict[str, Callable[[np.random.Generator, Shape, int], PilePlan]] = {
-    "shallow": draw_shallow_plan,
-    "deep": draw_deep_plan,
-    "mixed": draw_mixed_plan,
-    "box": draw_box_plan,
-}
+    "shallow": draw_shallow_plan, "deep": draw_deep_plan, "mixed": draw_mixed_plan,
+    "box": draw_box_plan}
 
 
 @dataclass(frozen=True)
@@ -43,8 +42,8 @@ class Recipe:
     plan: str = "mixed"
     library: tuple[Shape, ...] = ()
 
-    def shape(self, seed: int, index: int, attempt: int) -> Shape:
-        """The part; every other failed attempt takes another.
+    def draw_shape(self, seed: int, index: int, attempt: int) -> Shape:
+        """Draws the part of scene `index`; every other failed attempt takes another.
 
         Raises:
             ShapeError: the generator gave no solid.
@@ -59,20 +58,20 @@ class Recipe:
         random = np.random.default_rng([seed, number, change])
         return make_shape(int(random.integers(2**31)), str(random.choice(list(FAMILIES))))
 
-    def draw(self, random: np.random.Generator, shape: Shape, pieces: int, seed: int, index: int
-             ) -> PilePlan:
-        """A plan of scene `index` for a part that collides as so many convex pieces."""
-        most = min(MAX_PARTS, _PIECES[self.plan] // pieces)
+    def draw_plan(self, random: np.random.Generator, shape: Shape, pieces: int, seed: int,
+                  index: int) -> PilePlan:
+        """Draws a plan of scene `index` for a part that collides as so many convex pieces."""
+        max_parts = min(SETTINGS.max_parts, _MAX_PIECES[self.plan] // pieces)
         if self.plan == "rig":
-            rig = np.random.default_rng([seed, index // SCENES_PER_RIG, 0x416])
-            return draw_rig_plan(random, rig, shape, most)
-        return PLANS[self.plan](random, shape, most)
+            rig_random = np.random.default_rng([seed, index // SCENES_PER_RIG, 0x416])
+            return draw_rig_plan(random, rig_random, shape, max_parts)
+        return PLANS[self.plan](random, shape, max_parts)
 
 
 def max_simulated_parts(shape: Shape) -> int:
-    """Parts of a pile that the engine settles in a few seconds.
+    """Most parts of a pile that the engine settles in a few seconds.
 
     Raises:
         ShapeError: the part has no convex decomposition.
     """
-    return min(MAX_PARTS, _PIECES["rig"] // len(convex_pieces(shape)))
+    return min(SETTINGS.max_parts, _MAX_PIECES["rig"] // len(convex_pieces(shape)))

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rays straight down on a mesh, and points inside it, by Open3D."""
 
 from __future__ import annotations
@@ -8,25 +9,28 @@ import open3d.core as o3c
 
 from stack_counter.types import Mesh
 
+_START_ABOVE_M = 1.0  # height of the rays' origins over the highest vertex
+
 
 class RayCaster:
     """A mesh that rays are cast on."""
 
     def __init__(self, mesh: Mesh):
         self._scene = o3d.t.geometry.RaycastingScene()
-        self._above = float(mesh.vertices[:, 2].max(initial=0.0)) + 1.0
-        if len(mesh.triangles):
+        self._origin_z = float(mesh.vertices[:, 2].max(initial=0.0)) + _START_ABOVE_M
+        self._empty = len(mesh.triangles) == 0
+        if not self._empty:
             self._scene.add_triangles(o3c.Tensor(mesh.vertices),
                                       o3c.Tensor(mesh.triangles.astype(np.uint32)))
-        self._empty = len(mesh.triangles) == 0
 
     def surface_heights(self, xy: np.ndarray) -> np.ndarray:
         """(...) float64 z of the highest surface at points (..., 2); -inf where there is none."""
         if self._empty:
             return np.full(xy.shape[:-1], -np.inf)
         rays = np.zeros((*xy.shape[:-1], 6), np.float32)
-        rays[..., :2], rays[..., 2], rays[..., 5] = xy, self._above, -1
-        return self._above - self._scene.cast_rays(o3c.Tensor(rays))["t_hit"].numpy().astype(float)
+        rays[..., :2], rays[..., 2], rays[..., 5] = xy, self._origin_z, -1
+        distance = self._scene.cast_rays(o3c.Tensor(rays))["t_hit"].numpy().astype(float)
+        return self._origin_z - distance
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """(...) bool: the points (..., 3) lie inside the mesh, which is closed."""

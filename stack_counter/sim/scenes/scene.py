@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A pile as it came to rest, and its truth."""
 
 from __future__ import annotations
@@ -26,12 +27,12 @@ class Scene:
     Attributes:
         seed, index: what it was made from.
         shape: the part.
-        container: its pose is that in the world.
+        container: the container, at its pose in the world.
         poses: (n, 7) float64: position in metres and quaternion (x, y, z, w) of each part in the
             container's frame.
-        friction, restitution: of the contacts.
-        taps: how often the container was shaken.
-        stored_truth: as read from a shard; None computes it from the poses.
+        friction, restitution: coefficients of all contacts.
+        taps: number of times that the container was shaken.
+        stored_truth: the truth as read from a shard; None computes it from the poses.
     """
 
     seed: int
@@ -46,29 +47,31 @@ class Scene:
 
     def parts_mesh(self) -> Mesh:
         """All parts as one mesh in the world; triangle i is of part i // len(shape.faces)."""
-        n, base, faces = len(self.poses), self.shape.vertices, self.shape.faces
-        local = (
-            np.einsum("nij,vj->nvi", rotation_matrices(self.poses), base) + self.poses[:, None, :3]
-        )
+        vertices, faces = self.shape.vertices, self.shape.faces
+        # Vertices of every part, (n, v, 3), in the container's frame, then in the world
+        local = np.einsum("nij,vj->nvi", rotation_matrices(self.poses), vertices) \
+            + self.poses[:, None, :3]
         world = geometry.apply(self.container.T_world_container, local).reshape(-1, 3)
-        offsets = (np.arange(n) * len(base))[:, None, None]
-        return Mesh(world.astype(np.float32), (faces[None] + offsets).reshape(-1, 3).astype(
-            np.int32))
+        offsets = (np.arange(len(self.poses)) * len(vertices))[:, None, None]
+        return Mesh(world.astype(np.float32),
+                    (faces[None] + offsets).reshape(-1, 3).astype(np.int32))
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner (3,) of what parts and container span, world, metres."""
+        points, container = self.parts_mesh().vertices.astype(float), self.container.mesh()
+        points = points if container is None else np.concatenate([points, container.vertices])
+        return points.min(axis=0), points.max(axis=0)
 
     @cached_property
     def truth(self) -> Truth:
-        """Count, V, gamma: see `measure_truth`."""
+        """Count, v, V and gamma, as `measure_truth` integrates them."""
         return self.stored_truth or measure_truth(
-            self.container,
-            self.shape,
-            self.parts_mesh(),
-            self.poses,
-            rotation_matrices(self.poses),
-        )
+            self.container, self.shape, self.parts_mesh(), self.poses,
+            rotation_matrices(self.poses))
 
 
 def rotation_matrices(poses: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) rotation matrices of (n, 7) poses."""
+    """(n, 3, 3) float64 rotation matrices of (n, 7) poses."""
     x, y, z, w = poses[:, 3:].T
     return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
                      [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],

@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from stack_counter.sim.physics.drop import MAX_PENETRATION, make_scene, simulate_pile
+from stack_counter.sim.physics.drop import SETTINGS, make_scene, simulate_pile
 from stack_counter.sim.physics.plans import PilePlan
 from stack_counter.sim.physics.recipes import Recipe
 from stack_counter.sim.scenes.containers import ContainerShape
@@ -93,7 +93,7 @@ def test_resting_parts_hardly_overlap():
             if np.linalg.norm(pair[0][1] - pair[1][1]) < 2 * np.linalg.norm(half)]
     depths = [overlap(*pair, half) for pair in near]
     # Packed poses turn by up to 0.2 degrees.
-    assert max(depths) < (MAX_PENETRATION + 0.01) * SIZE
+    assert max(depths) < (SETTINGS.max_penetration + 0.01) * SIZE
     assert np.count_nonzero(np.array(depths) > 0) > 10, "parts touch"
 
 

@@ -7,7 +7,7 @@ import trimesh
 from stack_counter import geometry
 from stack_counter.sim import Scene
 from stack_counter.sim.scenes.containers import ContainerShape
-from stack_counter.sim.scenes.truth import sample_inside
+from stack_counter.sim.scenes.truth import TruthSettings, sample_inside
 from stack_counter.sim.shapes import Shape
 
 INNER, FLOOR = (0.2, 0.14, 0.1), 0.004
@@ -46,7 +46,8 @@ def test_ratios_with_and_without_borders_of_a_box_filled_in_part(height, whole, 
                                                                  monkeypatch):
     # The central box reaches from a quarter of the depth to three quarters. The points that stand
     # for a part are made for small ones: in a part as large as the bin there must be more.
-    monkeypatch.setattr("stack_counter.sim.scenes.truth._POINTS", 100_000)
+    monkeypatch.setattr("stack_counter.sim.scenes.truth.SETTINGS",
+                        TruthSettings(points_per_part=100_000))
     block = trimesh.creation.box([0.2, 0.14, height])
     truth = scene(block, [0, 0, FLOOR + height / 2], box()).truth
     assert truth.gamma_whole == pytest.approx(whole, rel=1e-3)
