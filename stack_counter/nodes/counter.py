@@ -1,10 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
 """Counter node: `volume` in, `count` out; the action `count_stack` runs a whole scan."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
 from stack_counter_msgs.msg import StackCount, StackVolume
 from visualization_msgs.msg import MarkerArray
 
@@ -12,17 +12,19 @@ from stack_counter.config import CounterConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.nodes.count_action import CountAction
 from stack_counter.occupancy.baselines import make_estimator
-from stack_counter.parts.catalogue import Part, resolve_part
+from stack_counter.parts.catalogue import resolve_part
 from stack_counter.pipeline import count_stack
 from stack_counter.ros.conversions import (
     failed_count,
+    from_seconds,
     from_stack_volume,
+    from_tally,
     set_verdict,
     to_stack_count,
 )
 from stack_counter.ros.diagnostics import ERROR, OK, WARN
 from stack_counter.ros.lifecycle import ManagedNode, run
-from stack_counter.ros.markers import count_markers, text_place
+from stack_counter.ros.markers import ORIGIN_PLACE, count_markers, text_place
 from stack_counter.ros.qos import LATCHED, LATCHED_ALL, LATCHED_NEWEST
 from stack_counter.views.decoding import stamp_ns
 
@@ -34,96 +36,107 @@ class CounterNode(ManagedNode[CounterConfig]):
     """Drives `count_stack`."""
 
     def __init__(self) -> None:
+        """Declares the parameters."""
         super().__init__("counter", CounterConfig)
 
     def setup(self, config: CounterConfig) -> None:
-        """Loads the estimator and connects it."""
+        """Loads the estimator and connects it.
+
+        Raises:
+            StackCounterError: the estimator or the part cannot be loaded.
+        """
         self._config = config
-        if config.part or config.unit_volume_m3:
-            self._known(config, config.part, config.unit_volume_m3)  # or say why not
+        self._check_part(config)
         self._estimator = make_estimator(config)
         self._last: StackCount | None = None
         self._count = self.advertise(StackCount, "count", LATCHED)
-        self._text = self.advertise(MarkerArray, "count_marker", LATCHED_NEWEST)
-        self._text_place = (np.zeros(3), 0.03)  # of the last stack: an error is written there too
-        # Latched, so that a counter that starts late still counts the last volume; deep, so
-        # that no volume of the continuous mode is lost.
-        self.subscribe(StackVolume, "volume", self._on_volume,
-                       LATCHED_ALL)
+        self._marker = self.advertise(MarkerArray, "count_marker", LATCHED_NEWEST)
+        self._text_place = ORIGIN_PLACE  # of the last stack: an error is written there as well
+        # Latched, so that a counter that starts late still counts the last volume.
+        self.subscribe(StackVolume, "volume", self._on_volume, LATCHED_ALL)
         self._action = CountAction(self, config)
         self.on_cleanup_call(self._action.destroy)
-        self.on_cleanup_call(self._free)
+        self.on_cleanup_call(self._release_estimator)
 
-    def _free(self) -> None:
-        """Gives back the memory of the network."""
+    def _release_estimator(self) -> None:
+        """Frees the memory of the network."""
         del self._estimator
 
     def apply_runtime_config(self, config: CounterConfig) -> None:
-        """Part, confidence and what is expected hold from the next count on."""
-        if config.part or config.unit_volume_m3:
-            self._known(config, config.part, config.unit_volume_m3)
+        """Has part, confidence and expected count hold from the next count on.
+
+        Raises:
+            StackCounterError: the part is unknown.
+        """
+        self._check_part(config)
         self._config = self._action.config = config
 
     @staticmethod
-    def _known(config: CounterConfig, part: str, unit_volume: float) -> Part:
-        """What is known of a part now: its catalogue may have changed since the last count."""
-        return resolve_part(part, unit_volume, config.part_catalogue)
+    def _check_part(config: CounterConfig) -> None:
+        """Raises PartError or ConfigError if the settings name a part that is unknown."""
+        if config.part or config.unit_volume_m3:
+            resolve_part(config.part, config.unit_volume_m3, config.part_catalogue)
 
     def _on_volume(self, message: StackVolume) -> None:
-        count = self._counted(message)
-        count.weights = self._config.weights or "shipped"
+        # Count.
+        count = self._count_volume(message)
+        count.weights = self._weights
         count.age = (self.get_clock().now().nanoseconds - stamp_ns(message.header.stamp)) * 1e-9
         if not count.error:
             set_verdict(count, self._config.expected_count, self._config.tolerance)
+        # Publish the count, and show it above the stack.
         self._last = count
         self._count.publish(count)
         if count.error:
             self.get_logger().error(f"scan '{message.scan_id}': {count.error}")
         self._action.on_count(count)
         self._text_place = text_place(message) or self._text_place
-        self._text.publish(count_markers(count, *self._text_place))
+        self._marker.publish(count_markers(count, self._text_place))
 
-    def _counted(self, message: StackVolume) -> StackCount:
+    def _count_volume(self, message: StackVolume) -> StackCount:
+        """Returns the count of a volume, or the error that there is instead."""
         if message.error:
             return failed_count(message.error, message)
         part, unit_volume = message.part, message.unit_volume
         if not part and not unit_volume:
             part, unit_volume = self._config.part, self._config.unit_volume_m3
         try:
-            known = self._known(self._config, part, unit_volume)
-            result = count_stack(from_stack_volume(message), known, self._estimator,
+            # Read the catalogue again: it may have changed since the last count.
+            known_part = resolve_part(part, unit_volume, self._config.part_catalogue)
+            result = count_stack(from_stack_volume(message), known_part, self._estimator,
                                  self._action.confidence_of(message.scan_id))
         except StackCounterError as error:
             return failed_count(str(error), message)
         return to_stack_count(result, message)
 
+    @property
+    def _weights(self) -> str:
+        return self._config.weights or "shipped"
+
     def status_lines(self) -> list[tuple[bytes, str]]:
-        """What the last count is worth, and why the last goal was refused."""
-        found = []
-        last = self._last
+        """Returns the last count with its reasons, and why the last goal was rejected."""
+        lines, last = [], self._last
         if last is not None:
             reasons = ", ".join(last.reasons) or "ok"
-            found.append((_LEVELS[last.status], last.error or f"{last.count} parts ({reasons})"))
+            lines.append((_LEVELS[last.status], last.error or f"{last.count} parts ({reasons})"))
         if self._action.rejected:
-            found.append((WARN, f"the last goal was rejected: {self._action.rejected}"))
-        return found or [(OK, "no scan yet")]
+            lines.append((WARN, f"the last goal was rejected: {self._action.rejected}"))
+        return lines or [(OK, "no scan yet")]
 
     def status_values(self) -> Mapping[str, object]:
-        """The last count in numbers, who said it, and how long it took."""
+        """Returns the estimator, and the last count with its views and times."""
         values: dict[str, object] = {"counting": self._action.busy,
-                                     "estimator": self._estimator.name,
-                                     "weights": self._config.weights or "shipped"}
+                                     "estimator": self._estimator.name, "weights": self._weights}
         last = self._last
         if last is not None:
-            skipped = dict(zip(last.views.skip_reasons, last.views.skip_counts))
+            tally = from_tally(last.views)
             values |= {
                 "scan_id": last.scan_id, "count": last.count, "count_low": last.count_low,
                 "count_high": last.count_high, "age s": float(last.age),
                 "missing cameras": ", ".join(last.missing_cameras),
-                "views received": last.views.received, "views used": last.views.used,
-                **{f"seconds {stage}": float(s) for stage, s in
-                   zip(last.seconds.stages, last.seconds.seconds)},
-                **{f"skipped: {reason}": number for reason, number in skipped.items()}}
+                "views received": tally.received, "views used": tally.used,
+                **{f"seconds {stage}": s for stage, s in from_seconds(last.seconds).items()},
+                **{f"skipped: {reason}": number for reason, number in tally.skipped.items()}}
         return values
 
 

@@ -1,8 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
 """Publishes what RViz and Foxglove show of a scan."""
 
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2
@@ -15,49 +17,85 @@ from stack_counter.ros.markers import scene_markers, surface_points
 from stack_counter.ros.qos import LATCHED_NEWEST
 from stack_counter.types import StackVolume, View
 
-_PERIOD_S = 0.5
-_REST = 4.0  # so many times as long as showing took, a running scan has for counting alone
+
+@dataclass(frozen=True)
+class DisplaySettings:
+    """How much time showing may take from counting; all are chosen.
+
+    Attributes:
+        period_s: seconds between two publications.
+        rest_factor: after a publication of a running scan, the time without one, in multiples of
+            what it took: a fifth of the time goes to showing at most.
+    """
+
+    period_s: float = 0.5
+    rest_factor: float = 4.0
+
+
+SETTINGS = DisplaySettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is shown of a scan.
+
+    Attributes:
+        volume: None where the scan gave none.
+        region: low and high corner (3,) of the region of interest, world, metres; None if there
+            is none.
+        views: whose cameras are drawn.
+        header: world frame, stamp of the data.
+        final: the scan has ended.
+    """
+
+    volume: StackVolume | None
+    region: tuple[np.ndarray, np.ndarray] | None
+    views: list[View]
+    header: Header
+    final: bool
 
 
 class Display:
-    """Markers and the surface of the scan as it stands.
+    """Markers and surface of the scan as it stands.
 
-    Making the messages takes some tenths of a second. Counting comes first: they are made apart
-    from it, the newest only, and of a running scan only while somebody looks.
+    Making the messages takes some tenths of a second, and counting comes first: a timer makes
+    them, of the newest scene alone, and of a running scan only for subscribers.
     """
 
     def __init__(self, node: ManagedNode):
-        self._next: tuple | None = None  # arguments of `_publish`, if there are new ones
+        """Advertises the topics of a node that is being set up."""
+        self._next: Scene | None = None
         self._rested_at = 0.0
         self._markers = node.advertise(MarkerArray, "markers", LATCHED_NEWEST)
         self._points = node.advertise(PointCloud2, "surface", LATCHED_NEWEST)
-        node.add_timer(_PERIOD_S, self._publish_newest)
+        node.add_timer(SETTINGS.period_s, self._publish_next)
 
     def show(self, stack: StackCounter, volume: StackVolume | None, header: Header,
              final: bool) -> None:
-        """Has it published soon.
+        """Has a scan published soon, in place of what waits.
 
         Args:
             stack: whose region and views are drawn.
             volume: None where the scan gave none.
             header: world frame, stamp of the data.
-            final: the scan has ended.
+            final: the scan has ended; it is published at once and without subscribers too.
         """
-        self._next = volume, stack.region, stack.views, header, final
+        self._next = Scene(volume, stack.region, stack.views, header, final)
 
-    def _publish_newest(self) -> None:
-        if self._next is None:
+    def _publish_next(self) -> None:
+        scene = self._next
+        if scene is None:
             return
-        *_, final = newest = self._next
         begin = time.monotonic()
-        if final or begin >= self._rested_at:
+        if scene.final or begin >= self._rested_at:
             self._next = None
-            self._publish(*newest)
-            self._rested_at = time.monotonic() + _REST * (time.monotonic() - begin)
+            self._publish(scene)
+            self._rested_at = time.monotonic() + SETTINGS.rest_factor * (time.monotonic() - begin)
 
-    def _publish(self, volume: StackVolume | None, region: tuple[np.ndarray, np.ndarray] | None,
-                 views: list[View], header: Header, final: bool) -> None:
-        if final or self._markers.get_subscription_count():
-            self._markers.publish(scene_markers(volume, region, views, header))
-        if final or self._points.get_subscription_count():
-            self._points.publish(surface_points(volume.mesh if volume else None, header))
+    def _publish(self, scene: Scene) -> None:
+        if scene.final or self._markers.get_subscription_count():
+            self._markers.publish(scene_markers(scene.volume, scene.region, scene.views,
+                                                scene.header))
+        if scene.final or self._points.get_subscription_count():
+            self._points.publish(surface_points(scene.volume.mesh if scene.volume else None,
+                                                scene.header))

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Service `write_report`: pictures and files of the last count, below a folder of our choice.
 
 Offered by the reconstructor, not by the counter: only it has the mesh, which no message carries.
@@ -8,6 +9,7 @@ from __future__ import annotations
 import re
 import time
 from collections import deque
+from dataclasses import dataclass
 from pathlib import Path
 
 from stack_counter_msgs.msg import StackCount as StackCountMsg
@@ -21,53 +23,103 @@ from stack_counter.ros.qos import LATCHED
 from stack_counter.types import StackCount, StackVolume
 from stack_counter.views.decoding import stamp_ns
 
-_AHEAD = 4  # volumes that wait for their counts
-_LONGEST = 40  # letters of a scan's id in the name of its folder
+
+@dataclass(frozen=True)
+class ReportSettings:
+    """Limits of the report service; all are chosen.
+
+    Attributes:
+        max_waiting: volumes that wait for their counts; older ones are forgotten.
+        max_scan_letters: letters of a scan's id in the name of its folder.
+    """
+
+    max_waiting: int = 4
+    max_scan_letters: int = 40
+
+
+SETTINGS = ReportSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class WaitingVolume:
+    """A volume that was published and is not counted yet.
+
+    Attributes:
+        scan_id: scan that the volume belongs to.
+        final: the scan has ended.
+        volume: with its mesh.
+    """
+
+    scan_id: str
+    final: bool
+    volume: StackVolume
+
+
+@dataclass(eq=False)
+class ReportedCount:
+    """The count that a report is written of.
+
+    Attributes:
+        scan_id: scan that the count belongs to.
+        count: with its volume and mesh.
+        folder: of its report; None while that is not written.
+    """
+
+    scan_id: str
+    count: StackCount
+    folder: Path | None = None
 
 
 class ReportService:
-    """Brings each volume together with its count."""
+    """Brings each volume together with its count, and writes the last of them on request."""
 
     def __init__(self, node: ManagedNode, folder: str):
-        """Offers the service; `folder` as the parameter `report_folder`."""
+        """Offers the service of a node that is being set up.
+
+        Args:
+            node: publishes the volumes.
+            folder: where reports are written, as the parameter `report_folder`; "" for nowhere.
+        """
         self._folder = folder
-        # Volumes that are not counted yet, with their scan and whether they are its last.
-        self._waiting: deque[tuple[str, bool, StackVolume]] = deque(maxlen=_AHEAD)
-        self._last: tuple[str, StackCount] | None = None  # scan id and count
-        self._written: Path | None = None  # its report
+        self._waiting: deque[WaitingVolume] = deque(maxlen=SETTINGS.max_waiting)
+        self._last: ReportedCount | None = None
         self._error = "nothing was counted yet; expected a scan and a counter"
         node.subscribe(StackCountMsg, "count", self._on_count, LATCHED)
-        node.add_service(Trigger, "write_report", self._write)
+        node.add_service(Trigger, "write_report", self._on_write_report)
 
     def keep(self, scan_id: str, final: bool, volume: StackVolume) -> None:
-        """A volume was published; its count will follow."""
-        self._waiting.append((scan_id, final, volume))
+        """Keeps a volume that was published until its count comes."""
+        self._waiting.append(WaitingVolume(scan_id, final, volume))
 
     def _on_count(self, message: StackCountMsg) -> None:
+        # Forget what failed.
         if message.error:
-            self._last, self._written = None, None
+            self._last = None
             self._error = f"scan '{message.scan_id}': {message.error}"
-            self._waiting = deque((w for w in self._waiting if w[0] != message.scan_id), _AHEAD)
+            self._waiting = deque((w for w in self._waiting if w.scan_id != message.scan_id),
+                                  SETTINGS.max_waiting)
             return
+        # Find the volume; there is none of a latched count from before this node started.
         key = message.scan_id, message.final, stamp_ns(message.header.stamp)
-        keys = [(scan_id, final, volume.stamp_ns) for scan_id, final, volume in self._waiting]
-        if key not in keys:  # a latched count of the time before this node
+        keys = [(w.scan_id, w.final, w.volume.stamp_ns) for w in self._waiting]
+        if key not in keys:
             return
-        for _ in range(keys.index(key) + 1):  # counts come in the order of their volumes
-            *_, volume = self._waiting.popleft()
-        self._last = message.scan_id, from_stack_count(message, volume)
-        self._written = None
+        # Counts come in the order of their volumes: forget those before it.
+        for _ in range(keys.index(key) + 1):
+            volume = self._waiting.popleft().volume
+        self._last = ReportedCount(message.scan_id, from_stack_count(message, volume))
 
-    def _write(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_write_report(self, request: Trigger.Request, response: Trigger.Response
+                         ) -> Trigger.Response:
         try:
-            response.message = str(self._report())
+            response.message = str(self._write_last())
             response.success = True
         except (ScanError, OSError) as error:
             response.message = f"no report: {error}"
         return response
 
-    def _report(self) -> Path:
-        """The folder of the report; it is written once, however often it is asked for.
+    def _write_last(self) -> Path:
+        """Writes the report of the last count, once for all requests; returns its folder.
 
         Raises:
             ScanError: there is no folder or no count to write.
@@ -75,19 +127,19 @@ class ReportService:
         """
         if not self._folder:
             raise ScanError("parameter report_folder is ''; expected a folder to write into")
-        ended = [scan_id for scan_id, final, _ in self._waiting if final]
+        ended = [w.scan_id for w in self._waiting if w.final]
         if ended:
             raise ScanError(f"scan '{ended[-1]}' is not counted yet; expected its count from the "
                             "counter")
         if self._last is None:
             raise ScanError(self._error)
-        if self._written is None or not self._written.is_dir():
-            scan_id, count = self._last
-            folder = new_folder(Path(self._folder).expanduser().resolve(), scan_id,
+        if self._last.folder is None or not self._last.folder.is_dir():
+            count = self._last.count
+            folder = new_folder(Path(self._folder).expanduser().resolve(), self._last.scan_id,
                                 count.volume.stamp_ns)
             write_report(folder, count, [])
-            self._written = folder
-        return self._written
+            self._last.folder = folder
+        return self._last.folder
 
 
 def new_folder(base: Path, scan_id: str, stamp_ns: int) -> Path:
@@ -95,19 +147,22 @@ def new_folder(base: Path, scan_id: str, stamp_ns: int) -> Path:
 
     Args:
         base: made if it is not there.
-        scan_id: came by message: all but letters, digits, - and _ is replaced, and it is cut.
-        stamp_ns: of the data, ns.
+        scan_id: comes from a message: all but letters, digits, - and _ is replaced, and it is
+            cut.
+        stamp_ns: stamp of the data, ns.
 
     Raises:
-        OSError: it cannot be made.
+        OSError: the folder cannot be made.
     """
-    second, rest = divmod(stamp_ns, 10**9)
-    when = time.strftime("%Y%m%d-%H%M%S", time.gmtime(second))
-    scan = re.sub(r"[^A-Za-z0-9_-]+", "-", scan_id)[:_LONGEST] or "scan"
-    name = f"report_{when}-{rest // 10**6:03d}_{scan}"
+    # Name the folder.
+    seconds, rest_ns = divmod(stamp_ns, 10**9)
+    date = time.strftime("%Y%m%d-%H%M%S", time.gmtime(seconds))
+    scan = re.sub(r"[^A-Za-z0-9_-]+", "-", scan_id)[:SETTINGS.max_scan_letters] or "scan"
+    name = f"report_{date}-{rest_ns // 10**6:03d}_{scan}"
+    # Make it, under another name where there is one of another scan.
     base.mkdir(parents=True, exist_ok=True)
     folder, number = base / name, 1
-    while True:  # never into the report of another scan
+    while True:
         try:
             folder.mkdir()
             return folder

@@ -1,8 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
 """What RViz and Foxglove show: container, region, cameras, surface and count, as messages."""
 
 from __future__ import annotations
 
 import textwrap
+from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Vector3
@@ -19,22 +21,43 @@ from stack_counter.ros.conversions import from_container, from_height_map
 from stack_counter.ros.standard_messages import to_bytes
 from stack_counter.types import Mesh, StackVolume, View
 
-# A triangle takes 120 bytes (three points of 24, three colours of 16): 2.4 MB. The cloud has all.
-MOST_TRIANGLES = 20_000
-_FRUSTUM_M = 0.06  # how far a camera's pyramid is drawn: beside a bin that is small but seen
-_LINE_M = 0.002
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
 
 ORANGE, WHITE, BLUE = (1.0, 0.6, 0.1), (0.8, 0.8, 0.8), (0.2, 0.6, 1.0)
 GREEN, RED = (0.3, 0.9, 0.3), (1.0, 0.25, 0.2)
-_STATUS = {StackCount.STATUS_OK: GREEN, StackCount.STATUS_DEGRADED: ORANGE,
-           StackCount.STATUS_ERROR: RED}
-_LINE_LENGTH = 40  # letters of an error before it is broken
+_STATUS_COLORS = {StackCount.STATUS_OK: GREEN, StackCount.STATUS_DEGRADED: ORANGE,
+                  StackCount.STATUS_ERROR: RED}
+
+
+@dataclass(frozen=True)
+class MarkerSettings:
+    """Sizes of what is drawn; all are chosen.
+
+    Attributes:
+        max_triangles: most triangles of the surface marker. A triangle takes 120 bytes (three
+            points of 24, three colours of 16), so the message has at most 2.4 MB; the point
+            cloud has all vertices.
+        frustum_m: depth of a camera's pyramid, m: small beside a bin, and still visible.
+        line_m: width of lines, m.
+        line_length: letters after which a line of text is broken.
+        letter_share: height of a letter by the width of container or stack.
+        letter_limits_m: smallest and largest height of a letter, m.
+    """
+
+    max_triangles: int = 20_000
+    frustum_m: float = 0.06
+    line_m: float = 0.002
+    line_length: int = 40
+    letter_share: float = 0.1
+    letter_limits_m: tuple[float, float] = (0.01, 0.1)
+
+
+SETTINGS = MarkerSettings()
 
 
 def scene_markers(volume: StackVolume | None, region: tuple[np.ndarray, np.ndarray] | None,
                   views: list[View], header: Header) -> MarkerArray:
-    """What there is of a scan: namespaces `container`, `region`, `cameras` and `surface`.
+    """Returns the markers of a scan: namespaces `container`, `region`, `cameras` and `surface`.
 
     Args:
         volume: None where the scan gave none.
@@ -43,13 +66,13 @@ def scene_markers(volume: StackVolume | None, region: tuple[np.ndarray, np.ndarr
         views: whose cameras are drawn.
         header: world frame, stamp of the data.
     """
-    # First of all the last scan's go: this one may have less to show.
+    # Delete the markers of the last scan: this one may have less to show.
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     if volume is not None:
         markers.append(_lines("container", container_lines(volume.container), ORANGE, header))
     if region is not None:
         markers.append(_lines("region", box_lines(*region), WHITE, header))
-    frusta = [frustum_lines(v.intrinsics, v.T_world_camera, _FRUSTUM_M) for v in views]
+    frusta = [frustum_lines(v.intrinsics, v.T_world_camera, SETTINGS.frustum_m) for v in views]
     markers.append(_lines("cameras", np.array(frusta), BLUE, header))
     if volume is not None and volume.mesh is not None and len(volume.mesh.triangles):
         markers.append(surface_marker(volume.mesh, header))
@@ -58,15 +81,17 @@ def scene_markers(volume: StackVolume | None, region: tuple[np.ndarray, np.ndarr
 
 
 def _lines(ns: str, ends: np.ndarray, rgb: tuple[float, float, float], header: Header) -> Marker:
-    """Marker of (..., 2, 3) ends of lines, world, metres."""
-    return Marker(header=header, ns=ns, type=Marker.LINE_LIST, scale=Vector3(x=_LINE_M),
+    """Returns the marker of lines with (..., 2, 3) float64 ends, world, metres."""
+    return Marker(header=header, ns=ns, type=Marker.LINE_LIST, scale=Vector3(x=SETTINGS.line_m),
                   color=_color(rgb), points=_points(ends.reshape(-1, 3)))
 
 
 def surface_marker(mesh: Mesh, header: Header) -> Marker:
-    """The surface as triangles, at most `MOST_TRIANGLES`, with a colour for each corner: Foxglove
-    takes none for faces."""
-    mesh = decimated(mesh, MOST_TRIANGLES)
+    """Returns the surface as triangles, decimated, with a colour for each corner.
+
+    Foxglove ignores colours of faces.
+    """
+    mesh = decimated(mesh, SETTINGS.max_triangles)
     corners = mesh.triangles.ravel().tolist()
     points = _points(mesh.vertices)  # one message a vertex, which its triangles share
     colors = [_color(rgb) for rgb in (display_colors(mesh) / 255).tolist()]
@@ -76,8 +101,11 @@ def surface_marker(mesh: Mesh, header: Header) -> Marker:
 
 
 def surface_points(mesh: Mesh | None, header: Header) -> PointCloud2:
-    """The surface's vertices as a cloud of x, y, z (float32, metres, world) and rgb: 0x00rrggbb
-    in a float's place, as point clouds have it; no points for None."""
+    """Returns the surface's vertices as a point cloud; one without points for None.
+
+    Fields are x, y, z (float32, metres, world) and rgb: 0x00rrggbb in the bytes of a float, as
+    point clouds have it.
+    """
     points = np.zeros(0 if mesh is None else len(mesh.vertices), _POINT)
     if mesh is not None and len(points):
         points["x"], points["y"], points["z"] = mesh.vertices.T
@@ -90,47 +118,59 @@ def surface_points(mesh: Mesh | None, header: Header) -> PointCloud2:
                        data=to_bytes(points.view(np.uint8)))
 
 
-def text_place(volume: StackVolumeMsg) -> tuple[np.ndarray, float] | None:
-    """Where the count is written, and how large: the highest point (3,) of container and stack
-    above their middle, world, metres, and a tenth of their width, metres; None if the volume
-    has neither."""
+@dataclass(frozen=True, eq=False)
+class TextPlace:
+    """Where the count is written.
+
+    Attributes:
+        point: (3,) float64 what the text stands above, world, metres.
+        letter_m: height of a letter, m.
+    """
+
+    point: np.ndarray
+    letter_m: float
+
+
+ORIGIN_PLACE = TextPlace(point=np.zeros(3), letter_m=0.03)  # as long as there was no stack
+
+
+def text_place(volume: StackVolumeMsg) -> TextPlace | None:
+    """Returns the highest point of container and stack above their middle; None of no volume."""
     if volume.error:
         return None
-    box, top = from_container(volume.container), from_height_map(volume.top)
-    like_a_cube = max(volume.stack_volume, 0.0) ** (1 / 3)
-    height, width = box.outer_size_m[2], max(box.outer_size_m[:2])
+    container, top = from_container(volume.container), from_height_map(volume.top)
+    # Height and width of the container, of the stack's surface, or of a cube of its volume.
+    cube_m = max(volume.stack_volume, 0.0) ** (1 / 3)
+    height, width = container.outer_size_m[2], max(container.outer_size_m[:2])
     if top is not None and np.isfinite(top.heights).any():
         height = max(height, float(np.nanmax(top.heights)))
         width = width or max(top.heights.shape) * top.pitch
-    T = box.T_world_container
-    return (T[:3, 3] + T[:3, 2] * (height or like_a_cube / 2),
-            float(np.clip((width or like_a_cube) / 10, 0.01, 0.1)))
+    height, width = height or cube_m / 2, width or cube_m
+    T = container.T_world_container
+    return TextPlace(T[:3, 3] + T[:3, 2] * height, float(np.clip(
+        width * SETTINGS.letter_share, *SETTINGS.letter_limits_m)))
 
 
-def count_markers(count: StackCount, top: np.ndarray, letter: float) -> MarkerArray:
-    """The count as text above a point, coloured by its status; or the error.
-
-    Args:
-        count: result.
-        top: (3,) what the text stands above, world, metres.
-        letter: height of a letter, metres.
-    """
+def count_markers(count: StackCount, place: TextPlace) -> MarkerArray:
+    """Returns the count, or its error, as text above a place, coloured by its status."""
     text = count_text(count)
-    x, y, z = top.tolist()  # the text's middle is where the marker is
-    pose = Pose(position=Point(x=x, y=y, z=z + letter * (2 + text.count("\n") / 2)))
+    x, y, z = place.point.tolist()
+    # A marker lies at the middle of its text: raise it by half of the lines.
+    lift = place.letter_m * (2 + text.count("\n") / 2)
     return MarkerArray(markers=[Marker(
-        header=count.header, ns="count", type=Marker.TEXT_VIEW_FACING, pose=pose,
-        scale=Vector3(z=letter), color=_color(_STATUS[count.status]), text=text)])
+        header=count.header, ns="count", type=Marker.TEXT_VIEW_FACING,
+        pose=Pose(position=Point(x=x, y=y, z=z + lift)), scale=Vector3(z=place.letter_m),
+        color=_color(_STATUS_COLORS[count.status]), text=text)])
 
 
 def count_text(count: StackCount) -> str:
-    """What a person reads beside the stack."""
+    """Returns what a person reads beside the stack: count and interval, or the error."""
     if count.error:
-        return "\n".join(textwrap.wrap(count.error, _LINE_LENGTH))
+        return "\n".join(textwrap.wrap(count.error, SETTINGS.line_length))
     lines = [f"{count.count} part{'s' if count.count != 1 else ''} ({count.count_low} to "
              f"{count.count_high}, {count.confidence:.0%})"]
     if count.status == StackCount.STATUS_DEGRADED:
-        lines += textwrap.wrap(", ".join(count.reasons), _LINE_LENGTH)
+        lines += textwrap.wrap(", ".join(count.reasons), SETTINGS.line_length)
     return "\n".join(lines)
 
 

@@ -12,6 +12,7 @@ from visualization_msgs.msg import Marker
 from stack_counter import geometry
 from stack_counter.ros.conversions import to_stack_volume
 from stack_counter.ros.markers import (
+    TextPlace,
     count_markers,
     count_text,
     scene_markers,
@@ -145,7 +146,8 @@ def test_text_says_count_interval_and_confidence():
                                            (StackCount.STATUS_ERROR, (1.0, 0.25, 0.2))])
 def test_text_stands_above_its_place_and_has_the_colour_of_its_status(status, color):
     count = StackCount(header=HEADER, status=status, confidence=0.9)
-    marker, = count_markers(count, np.array([1.0, 2.0, 0.62]), 0.03).markers
+    place = TextPlace(np.array([1.0, 2.0, 0.62]), 0.03)
+    marker, = count_markers(count, place).markers
     assert (marker.type, marker.header, marker.ns) == (Marker.TEXT_VIEW_FACING, HEADER, "count")
     at = marker.pose.position
     assert (at.x, at.y) == (1.0, 2.0) and at.z - 0.03 / 2 > 0.62
@@ -153,23 +155,24 @@ def test_text_stands_above_its_place_and_has_the_colour_of_its_status(status, co
     assert (marker.color.r, marker.color.g, marker.color.b) == pytest.approx(color)
 
 
-def placed(core):
-    return text_place(to_stack_volume(core, "cell", PosedImage(), final=True))
+def place_of(core):
+    place = text_place(to_stack_volume(core, "cell", PosedImage(), final=True))
+    return place.point, place.letter_m
 
 
 def test_text_is_placed_above_rim_stack_or_hull():
-    at, letter = placed(volume(box()))
+    at, letter = place_of(volume(box()))
     np.testing.assert_allclose(at, [1.0, 2.0, 0.5 + 0.12])
     assert letter == pytest.approx(0.031)  # the wall belongs to the width
     heights = np.full((5, 8), 0.02, np.float32)
     heights[2, 2], heights[0, 0] = 0.15, np.nan
     over = HeightMap(np.eye(4), 0.04, heights)
-    np.testing.assert_allclose(placed(volume(box(), top=over))[0], [1.0, 2.0, 0.5 + 0.15])
+    np.testing.assert_allclose(place_of(volume(box(), top=over))[0], [1.0, 2.0, 0.5 + 0.15])
     T = geometry.pose(Rotation.from_rotvec([0, np.pi / 2, 0]).as_matrix(), np.array([1.0, 2, 3]))
-    at, letter = placed(volume(Container("none", T), top=over))
+    at, letter = place_of(volume(Container("none", T), top=over))
     np.testing.assert_allclose(at, [1.15, 2.0, 3.0])  # up is the container's z
     assert letter == pytest.approx(0.032)
-    at, letter = placed(volume(Container("hull", np.eye(4))))  # a litre
+    at, letter = place_of(volume(Container("hull", np.eye(4))))  # a litre
     np.testing.assert_allclose(at, [0, 0, 0.05])
     assert letter == pytest.approx(0.01)
     failed = to_stack_volume(volume(), "cell", PosedImage(), final=True)
