@@ -30,9 +30,8 @@ from stack_counter.parts.calibration import counted_scan
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.gamma_model import PartModels, Reading
 from stack_counter.pipeline import count_stack
-from stack_counter.sim import RECONSTRUCTED_KIND, SCENES_PER_RIG, Scene, read_scenes
+from stack_counter.sim import RECONSTRUCTED_KIND, SCENES_PER_RIG, Scene, read_scenes, reconstruct
 from stack_counter.teaching import Pile, PileScan, make_order, models_of, simulate_part
-from stack_counter.train import reconstruct
 from stack_counter.types import OccupancyEstimate, Reason, StackVolume
 
 ROWS = ("v only", "CAD", "one counted scan", "CAD and one counted scan", "three counted scans",

@@ -10,11 +10,13 @@ What is named here is for `train`, `eval` and `part`; the rest is the simulator'
 from stack_counter.sim.camera.bags import remove_parts
 from stack_counter.sim.camera.depth_camera import DepthCamera
 from stack_counter.sim.camera.recording import record, record_fixed_camera
+from stack_counter.sim.ideal import IdealSurface, ideal_surface
 from stack_counter.sim.physics.container_draws import draw_deep_container
 from stack_counter.sim.physics.drop import simulate_pile
 from stack_counter.sim.physics.plans import FRICTION, draw_plan_in_container
 from stack_counter.sim.physics.recipes import SCENES_PER_RIG, max_simulated_parts
 from stack_counter.sim.physics.table import lay_out_pieces
+from stack_counter.sim.reconstruction import reconstruct, reconstruct_from_above
 from stack_counter.sim.scenes.containers import RECONSTRUCTED_KIND, ContainerShape
 from stack_counter.sim.scenes.ray_caster import RayCaster
 from stack_counter.sim.scenes.scene import Scene, SceneError
@@ -29,6 +31,7 @@ __all__ = [
     "SCENES_PER_RIG",
     "ContainerShape",
     "DepthCamera",
+    "IdealSurface",
     "RayCaster",
     "Scene",
     "SceneError",
@@ -37,12 +40,15 @@ __all__ = [
     "Truth",
     "draw_deep_container",
     "draw_plan_in_container",
+    "ideal_surface",
     "lay_out_pieces",
     "load_shapes",
     "make_shape",
     "max_simulated_parts",
     "read_scenes",
     "read_shard",
+    "reconstruct",
+    "reconstruct_from_above",
     "record",
     "record_fixed_camera",
     "remove_parts",

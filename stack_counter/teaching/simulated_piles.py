@@ -25,9 +25,10 @@ from stack_counter.sim import (
     draw_deep_container,
     draw_plan_in_container,
     max_simulated_parts,
+    reconstruct,
+    reconstruct_from_above,
     simulate_pile,
 )
-from stack_counter.train import reconstruct, reconstruct_from_above
 from stack_counter.types import StackVolume
 
 _SIZES = 1.25  # by which the rig's container is taken larger or smaller, for its slope

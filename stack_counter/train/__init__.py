@@ -1,9 +1,2 @@
-"""Fits what says gamma on simulated piles.
-
-What is named here is for `eval` and `part`; the rest is training's own.
-"""
-
-from stack_counter.train.data.fused import reconstruct, reconstruct_from_above
-from stack_counter.train.data.heights import ideal_surface
-
-__all__ = ["ideal_surface", "reconstruct", "reconstruct_from_above"]
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that fit what says gamma, v and walls on simulated scenes; others import none of it."""

@@ -22,8 +22,7 @@ from stack_counter.eval.common.plot import plot_complexity
 from stack_counter.eval.common.sets import folder_of
 from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
-from stack_counter.sim import Scene, read_scenes
-from stack_counter.train import ideal_surface, reconstruct
+from stack_counter.sim import Scene, ideal_surface, read_scenes, reconstruct
 from stack_counter.types import Container, HeightMap, Reason, StackVolume, ViewTally
 
 ROWS = {"Mean": "prior", "DepthExtrapolated": "depth_extrapolated",
@@ -133,11 +132,11 @@ def _guess(estimator: OccupancyEstimator, volume: StackVolume, unit_volume: floa
 
 def ideal(scene: Scene) -> StackVolume:
     """What a perfect reconstruction would give: the true V and the surface as cast."""
-    top, inner, valid = ideal_surface(scene)
+    surface = ideal_surface(scene)
     length = scene.truth.unit_volume ** (1 / 3)
     maps = [HeightMap(np.eye(4), length / PIXELS_PER_LENGTH,
-                      np.where(valid, a * length, np.nan).astype(np.float32))
-            for a in (top, inner)]
+                      np.where(surface.valid, a * length, np.nan).astype(np.float32))
+            for a in (surface.top, surface.inner)]
     container = Container("none" if scene.container.kind == "none" else "box", np.eye(4))
     return StackVolume(0, scene.truth.stack_volume, 0.0, container, (0, 0, 0), 1.0, *maps, None,
                        ViewTally())

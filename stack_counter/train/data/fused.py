@@ -8,15 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.occupancy.maps import stack_maps
-from stack_counter.pipeline import StackCounter
-from stack_counter.sim import RECONSTRUCTED_KIND, Scene, record, record_fixed_camera
+from stack_counter.sim import RECONSTRUCTED_KIND, Scene, reconstruct, reconstruct_from_above
 from stack_counter.train.data.heights import Sample, form_of, read_samples
-from stack_counter.types import StackVolume
-
-_VIEWS = 12
 
 
 @dataclass(frozen=True)
@@ -28,29 +23,6 @@ class Scan:
     volume: float
     volume_std: float
     found: bool  # the container, for what it is
-
-
-def reconstruct(scene: Scene, seed: int = 0, views: int = _VIEWS) -> StackVolume:
-    """V of a noisy recording of a scene, with the default settings.
-
-    Raises:
-        StackCounterError: the scan is refused.
-    """
-    stack = StackCounter(ReconstructorConfig(), scene.truth.unit_volume)
-    for view in record(scene, views, seed, color=False):
-        stack.add_view(view)
-    return stack.volume()
-
-
-def reconstruct_from_above(scene: Scene) -> StackVolume:
-    """V of a single noisy view of a fixed camera, as the continuous mode has it first.
-
-    Raises:
-        StackCounterError: the scan is refused.
-    """
-    stack = StackCounter(ReconstructorConfig(live=True), scene.truth.unit_volume)
-    stack.add_view(record_fixed_camera([scene], color=False)[0])
-    return stack.volume()
 
 
 def scan(scene: Scene, one_view: bool = False) -> Scan | None:

@@ -14,13 +14,11 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from scipy import ndimage
 from tqdm import tqdm
 
-from stack_counter import geometry
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, make_maps
 from stack_counter.reconstruction.stack_volume import filled
-from stack_counter.sim import RayCaster, Scene, read_shard
+from stack_counter.sim import Scene, ideal_surface, read_shard
 
 _STEPS = 500  # of a height in l, as kept
 _VIEWS, _TILTS = 12, (12, 28, 42)  # of the arc, degrees from the vertical
@@ -52,32 +50,6 @@ class Sample:
     fill: float
 
 
-def ideal_surface(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Ideal top and inner surface in l and whether they lie over the opening (heap: the stack),
-    each (rows, cols) at the network's resolution."""
-    length, box = scene.truth.unit_volume ** (1 / 3), scene.container
-    T, parts = box.T_world_container, scene.parts_mesh()
-    if box.kind == "none":
-        local = geometry.apply(geometry.inverse(T), parts.vertices.astype(float))[:, :2]
-        low, high = local.min(axis=0) - length / 2, local.max(axis=0) + length / 2
-    else:
-        low, high = box.opening.min(axis=0), box.opening.max(axis=0)
-    pitch = length / PIXELS_PER_LENGTH
-    cols, rows = np.maximum(np.round((high - low) / pitch).astype(int), 1)
-    grid = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1) + 0.5
-    xy = ((low + high) / 2 + (grid - np.array([cols, rows]) / 2) * pitch) @ T[:2, :2].T + T[:2, 3]
-    top, inside = RayCaster(parts).surface_heights(xy), box.inner_mesh()
-    if inside is None:
-        top = np.maximum(top, 0) / length
-        stack = ndimage.binary_fill_holes(top > 0.05)
-        return top.astype(np.float32), np.zeros_like(top, np.float32), stack
-    inner = RayCaster(inside).surface_heights(xy)
-    valid = np.isfinite(inner)
-    inner = np.where(valid, inner, 0)
-    top = np.where(valid, np.maximum(top, inner), 0)
-    return (top / length).astype(np.float32), (inner / length).astype(np.float32), valid
-
-
 def seen_by_arc(top: np.ndarray, valid: np.ndarray, rim: float, random: np.random.Generator
                 ) -> np.ndarray:
     """(rows, cols) bool: cells that some view of an arc sees; heights and `rim` in l."""
@@ -105,13 +77,14 @@ def _shifted(around: np.ndarray, dy: int, dx: int, shape: tuple[int, ...]) -> np
 
 def sample(scene: Scene) -> Sample:
     """A scene as an arc of views sees it."""
-    top, inner, valid = ideal_surface(scene)
+    surface = ideal_surface(scene)
+    top, valid = surface.top, surface.valid
     length = scene.truth.unit_volume ** (1 / 3)
     random = np.random.default_rng([scene.seed, scene.index, 0x5EE])
     seen = seen_by_arc(top, valid, scene.container.rim_height_m / length, random)
     if seen.any():
         top = np.where(valid, filled(np.where(seen, top, np.nan), seen), 0).astype(np.float32)
-    maps = make_maps(top, inner, valid, walled=scene.container.kind != "none")
+    maps = make_maps(top, surface.inner, valid, walled=scene.container.kind != "none")
     return Sample(maps, scene.truth.gamma, form_of(scene), length, f"{scene.seed}:{scene.index}",
                   scene.shape.family, scene.container.kind, scene.truth.count, scene.truth.fill)
 

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The surface of a scene as an ideal view from straight above sees it, by casting rays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from stack_counter import geometry
+from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
+from stack_counter.sim.scenes.ray_caster import RayCaster
+from stack_counter.sim.scenes.scene import Scene
+from stack_counter.types import Mesh
+
+_LOWEST_STACK = 0.05  # part lengths above the support plane from which a heap's cells are its own
+
+
+@dataclass(frozen=True, eq=False)
+class IdealSurface:
+    """Exact heights of a scene at the network's resolution, above the support plane.
+
+    Attributes:
+        top: (rows, cols) float32 height of the highest surface, part lengths.
+        inner: (rows, cols) float32 height of the container's inner surface, part lengths.
+        valid: (rows, cols) bool: over the container's opening; of a heap, over the stack.
+    """
+
+    top: np.ndarray
+    inner: np.ndarray
+    valid: np.ndarray
+
+
+def ideal_surface(scene: Scene) -> IdealSurface:
+    """Casts rays straight down on the parts and on the container's inner surface."""
+    part_length, container = scene.truth.unit_volume ** (1 / 3), scene.container
+    parts = scene.parts_mesh()
+    xy = _cell_centers(scene, parts, part_length)
+    top, inside = RayCaster(parts).surface_heights(xy), container.inner_mesh()
+    if inside is None:  # A heap: the inner surface is the support plane.
+        top = np.maximum(top, 0) / part_length
+        stack = ndimage.binary_fill_holes(top > _LOWEST_STACK)
+        return IdealSurface(top.astype(np.float32), np.zeros_like(top, np.float32), stack)
+    inner = RayCaster(inside).surface_heights(xy)
+    valid = np.isfinite(inner)
+    inner = np.where(valid, inner, 0)
+    top = np.where(valid, np.maximum(top, inner), 0)
+    return IdealSurface((top / part_length).astype(np.float32),
+                        (inner / part_length).astype(np.float32), valid)
+
+
+def _cell_centers(scene: Scene, parts: Mesh, part_length: float) -> np.ndarray:
+    """(rows, cols, 2) world x and y, metres, of cells over the opening, or around a heap."""
+    T = scene.container.T_world_container
+    if scene.container.kind == "none":
+        local = geometry.apply(geometry.inverse(T), parts.vertices.astype(float))[:, :2]
+        low, high = local.min(axis=0) - part_length / 2, local.max(axis=0) + part_length / 2
+    else:
+        low, high = scene.container.opening.min(axis=0), scene.container.opening.max(axis=0)
+    pitch = part_length / PIXELS_PER_LENGTH
+    cols, rows = np.maximum(np.round((high - low) / pitch).astype(int), 1)
+    grid = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1) + 0.5
+    local_xy = (low + high) / 2 + (grid - np.array([cols, rows]) / 2) * pitch
+    return local_xy @ T[:2, :2].T + T[:2, 3]
