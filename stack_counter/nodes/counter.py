@@ -16,6 +16,7 @@ from stack_counter.parts.catalogue import resolve_part
 from stack_counter.pipeline import count_stack
 from stack_counter.ros.conversions import (
     failed_count,
+    from_reasons,
     from_seconds,
     from_stack_volume,
     from_tally,
@@ -87,11 +88,20 @@ class CounterNode(ManagedNode[CounterConfig]):
         # Publish the count, and show it above the stack.
         self._last = count
         self._count.publish(count)
-        if count.error:
-            self.get_logger().error(f"scan '{message.scan_id}': {count.error}")
+        self._log(count)
         self._action.on_count(count)
         self._text_place = text_place(message) or self._text_place
         self._marker.publish(count_markers(count, self._text_place))
+
+    def _log(self, count: StackCount) -> None:
+        """Logs an error, or the count of a scan that has ended with a sentence for each reason."""
+        logger, line = self.get_logger(), f"scan '{count.scan_id}': "
+        if count.error:
+            logger.error(line + count.error)
+        elif count.final and count.status == StackCount.STATUS_DEGRADED:
+            logger.warning(line + _describe(count))
+        elif count.final:
+            logger.info(line + _describe(count))
 
     def _count_volume(self, message: StackVolume) -> StackCount:
         """Returns the count of a volume, or the error that there is instead."""
@@ -117,8 +127,7 @@ class CounterNode(ManagedNode[CounterConfig]):
         """Returns the last count with its reasons, and why the last goal was rejected."""
         lines, last = [], self._last
         if last is not None:
-            reasons = ", ".join(last.reasons) or "ok"
-            lines.append((_LEVELS[last.status], last.error or f"{last.count} parts ({reasons})"))
+            lines.append((_LEVELS[last.status], last.error or _describe(last)))
         if self._action.rejected:
             lines.append((WARN, f"the last goal was rejected: {self._action.rejected}"))
         return lines or [(OK, "no scan yet")]
@@ -133,11 +142,19 @@ class CounterNode(ManagedNode[CounterConfig]):
             values |= {
                 "scan_id": last.scan_id, "count": last.count, "count_low": last.count_low,
                 "count_high": last.count_high, "age s": float(last.age),
+                "reasons": ", ".join(last.reasons),
                 "missing cameras": ", ".join(last.missing_cameras),
                 "views received": tally.received, "views used": tally.used,
                 **{f"seconds {stage}": s for stage, s in from_seconds(last.seconds).items()},
                 **{f"skipped: {reason}": number for reason, number in tally.skipped.items()}}
         return values
+
+
+def _describe(count: StackCount) -> str:
+    """Returns the count in words: number, interval, and slug and sentence of each reason."""
+    reasons = [f"{reason}: {reason.sentence}" for reason in from_reasons(count.reasons)]
+    return " ".join([f"{count.count} parts, {count.confidence:.0%} sure between "
+                     f"{count.count_low} and {count.count_high}.", *reasons])
 
 
 def main() -> None:

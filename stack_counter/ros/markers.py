@@ -17,7 +17,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from stack_counter.display.mesh_colors import display_colors
 from stack_counter.display.mesh_decimation import decimated
 from stack_counter.display.wireframes import box_lines, container_lines, frustum_lines
-from stack_counter.ros.conversions import from_container, from_height_map
+from stack_counter.ros.conversions import from_container, from_height_map, from_reasons
 from stack_counter.ros.standard_messages import to_bytes
 from stack_counter.types import Mesh, StackVolume, View
 
@@ -164,13 +164,17 @@ def count_markers(count: StackCount, place: TextPlace) -> MarkerArray:
 
 
 def count_text(count: StackCount) -> str:
-    """Returns what a person reads beside the stack: count and interval, or the error."""
+    """Returns what a person reads beside the stack.
+
+    That is the count, its interval and a sentence for each reason that degrades it; or the error.
+    """
     if count.error:
         return "\n".join(textwrap.wrap(count.error, SETTINGS.line_length))
     lines = [f"{count.count} part{'s' if count.count != 1 else ''} ({count.count_low} to "
              f"{count.count_high}, {count.confidence:.0%})"]
-    if count.status == StackCount.STATUS_DEGRADED:
-        lines += textwrap.wrap(", ".join(count.reasons), SETTINGS.line_length)
+    for reason in from_reasons(count.reasons):
+        if reason.degrades:
+            lines += textwrap.wrap(reason.sentence, SETTINGS.line_length)
     return "\n".join(lines)
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The counter over real DDS."""
 
 import os
@@ -5,10 +6,13 @@ import subprocess
 import sys
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from kits.harness import LATCHED
 from stack_counter_msgs.msg import Container, StackCount, StackVolume
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
+
+from stack_counter.types import Reason
 
 SPACE = "/stack_counter"
 LATE = """
@@ -76,3 +80,23 @@ def test_the_count_stands_above_the_rim_as_text_and_an_error_does_too(ros, count
     counter(scan_id="g", error="2 views used", header=Header(frame_id="cell"))
     ros.wait(lambda: shown[-1].markers[0].text == "2 views used", "the error")
     assert shown[-1].markers[0].pose.position.x == 0.5  # where one looks
+
+
+def test_reasons_are_sentences_for_people_and_slugs_for_machines(ros, counter):
+    diagnostics = ros.collect_messages(DiagnosticArray, "/diagnostics")
+    shown = ros.collect_messages(MarkerArray, f"{SPACE}/count_marker", LATCHED)
+    count = counter(scan_id="h", unit_volume=1e-6, stack_volume=1e-3, reasons=["no_depth"])
+    assert count.status == StackCount.STATUS_DEGRADED and "no_depth" in count.reasons
+    sentence = f"no_depth: {Reason.NO_DEPTH.sentence}"
+
+    def last_status():
+        status = [s for m in diagnostics for s in m.status if s.name == "stack_counter: counter"]
+        return status[-1] if status else None
+
+    ros.wait(lambda: last_status() and sentence in last_status().message, "the sentence")
+    values = {value.key: value.value for value in last_status().values}
+    assert "no_depth" in values["reasons"].split(", ")
+    assert f"scan 'h': {count.count} parts" in ros.log("counter")
+    assert sentence in ros.log("counter")
+    ros.wait(lambda: shown and Reason.NO_DEPTH.sentence in
+             shown[-1].markers[0].text.replace("\n", " "), "the sentence beside the stack")

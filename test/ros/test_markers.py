@@ -26,6 +26,7 @@ from stack_counter.types import (
     HeightMap,
     Intrinsics,
     Mesh,
+    Reason,
     StackVolume,
     View,
     ViewTally,
@@ -134,7 +135,10 @@ def test_text_says_count_interval_and_confidence():
     assert count_text(count) == "412 parts (391 to 430, 90%)"
     one = StackCount(count=1, count_low=0, count_high=2, confidence=0.95,
                      status=StackCount.STATUS_DEGRADED, reasons=["no_depth", "few_parts"])
-    assert count_text(one) == "1 part (0 to 2, 95%)\nno_depth, few_parts"
+    first, *sentence = count_text(one).splitlines()
+    assert first == "1 part (0 to 2, 95%)"
+    assert " ".join(sentence) == Reason.NO_DEPTH.sentence  # few parts do not degrade a count
+    assert max(map(len, sentence)) <= 40
     long = StackCount(status=StackCount.STATUS_ERROR, error="2 views used of 7 (skipped: "
                       "{'no_tf': 5}); expected at least 3")
     assert count_text(long) == ("2 views used of 7 (skipped: {'no_tf':\n"
