@@ -21,6 +21,7 @@ REQUIRES = [
     "opencv-python-headless>=4.11",
     "pyyaml>=6.0.3",
     "rosbags>=0.11.9",
+    "ruamel.yaml>=0.17.21",
     "safetensors>=0.8",  # (no key)
     "scipy>=1.15.3",
     "torch>=2.14.1",

@@ -175,7 +175,7 @@ def test_the_recorder_brings_no_ros_and_no_player_into_the_nodes():
     got = loaded("stack_counter.bag.recorder")
     assert "rclpy" not in got
     assert {name for name in got if name.startswith("stack_counter.bag.")} == {
-        f"stack_counter.bag.{module}" for module in ("recorder", "scan_file", "record_names")}
+        f"stack_counter.bag.{module}" for module in ("recorder", "scan_file")}
 
 
 def loaded(*names):

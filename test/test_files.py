@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Weights are read by one function, which says what is wrong with a file; writing is atomic."""
+"""Weights are read by one function; files that users edit keep their comments."""
 
 import pickle
 
@@ -8,7 +8,14 @@ import pytest
 from safetensors.numpy import save_file
 
 from stack_counter.errors import ConfigError, WeightsError
-from stack_counter.files import config_path, read_weights, shipped_weights, write_atomically
+from stack_counter.files import (
+    config_path,
+    edit_yaml_entry,
+    parse_yaml,
+    read_weights,
+    shipped_weights,
+    write_atomically,
+)
 
 FORMAT = "stack_counter test 1"
 
@@ -67,3 +74,45 @@ def test_a_configuration_file_that_is_nowhere_is_an_error():
     assert config_path("parts.yaml").is_file()
     with pytest.raises(ConfigError, match="no nothing.yaml in "):
         config_path("nothing.yaml")
+
+
+# --- YAML that users edit ------------------------------------------------------------------------
+
+@pytest.mark.parametrize("text", [
+    "a:\n", "# one\na: {}\n", "a:\n  # below\n", "a: {c: {x: 1}} # e\n", "a:\n  c: {x: 1}",
+    "a:\n  c:\n    x: 1\n  # end\nb: 1\n"])
+def test_an_entry_is_added_changed_and_removed(text):
+    before = parse_yaml(text)
+    values = {"x": 0.5, "text": "yes: #", "list": [1, 2.5], "maps": [{"k": True, "l": [1.0]}]}
+    added = edit_yaml_entry(text, "a", "new", values)
+    assert parse_yaml(added) == {**before, "a": {**(before["a"] or {}), "new": values}}
+    values["x"] = 1e-6
+    changed = edit_yaml_entry(added, "a", "new", values)
+    assert parse_yaml(changed)["a"]["new"] == values
+    removed = edit_yaml_entry(changed, "a", "new", None)
+    assert (parse_yaml(removed)["a"] or {}) == (before["a"] or {})
+    for comment in ("# one", "# below", "# e", "# end"):
+        assert (comment in text) == (comment in removed)
+
+
+def test_lines_of_other_entries_stay_as_they_are():
+    text = "a:\n    one:   {x:  1}   # odd\n    two:\n        x: 0x10\n    'three': {x: .5}\n"
+    changed = edit_yaml_entry(text, "a", "two", {"x": 16, "y": 2}, {"y": "why"})
+    lines = changed.splitlines()
+    assert [*lines[:4], *lines[5:]] == text.splitlines()
+    assert lines[4].split() == ["y:", "2", "#", "why"]
+
+
+def test_an_entry_that_refers_to_another_is_written_out():
+    text = "a:\n  one: &one {x: 1}\n  two: *one\n"
+    assert parse_yaml(edit_yaml_entry(text, "a", "two", {"x": 2})) == {
+        "a": {"one": {"x": 1}, "two": {"x": 2}}}
+
+
+@pytest.mark.parametrize("text, what", [
+    ("a: [", "line 1"), ("a: {b: 1, b: 2}", "two entries 'b' .*line 1"),
+    ("a:\n  1: x\n  '1': y", "two entries '1' .*line 3"), ("a: !!python/object:os.x {}", "tag")])
+def test_what_is_no_yaml_or_names_a_key_twice_is_one_line(text, what):
+    with pytest.raises(ValueError, match=what) as caught:
+        parse_yaml(text)
+    assert "\n" not in str(caught.value)

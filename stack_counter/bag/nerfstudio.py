@@ -45,7 +45,9 @@ def import_scene(scene: Path, out: Path) -> str:
     except (ValueError, KeyError, TypeError) as error:
         raise BagError(f"{scene / 'transforms.json'} is malformed at {error}; expected "
                        "nerfstudio's keys") from error
-    views, jpegs, missing = [], [], 0
+    views: list[View] = []
+    jpegs: list[bytes] = []
+    missing = 0
     for frame in frames:
         picture = scene / frame["file_path"]
         if not picture.is_file():

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads recorded bags: rosbag2 folders and bare .mcap files, whole or cut short; no ROS needed."""
 
 from __future__ import annotations
@@ -6,7 +7,7 @@ import heapq
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,18 +16,20 @@ import yaml
 from mcap_ros2.decoder import DecoderFactory
 
 from stack_counter.bag.mcap_file import McapFile, RawMessage
-from stack_counter.bag.record_names import FACTS, finished
-from stack_counter.config import CollectorConfig
+from stack_counter.bag.scan_file import FACTS, finished_recordings
 from stack_counter.errors import BagError
-from stack_counter.types import View
-from stack_counter.views.rig import Rig, RigAssembler
-
-LABELS_TOPIC = "/camera/labels"
 
 
 @dataclass(frozen=True)
 class Record:
-    """One message as recorded: `data` is CDR, `log_time_ns` the time of recording."""
+    """One message as recorded.
+
+    Attributes:
+        topic: on which it was published.
+        log_time_ns: time of recording, ns since 1970.
+        data: serialised message, CDR.
+        decode: makes the message of `data`; raises whatever the decoder raises.
+    """
 
     topic: str
     log_time_ns: int
@@ -39,18 +42,20 @@ class BagReader:
 
     Attributes:
         topics: type name and number of messages by topic, of topics that have messages.
-        facts: what the collector has noted with the recording of a scan; else empty.
+        facts: what the collector stored with the recording of a scan, by key; else empty.
     """
 
     def __init__(self, path: Path):
         """Finds the files and what is in them.
 
         Raises:
-            FileNotFoundError: no such path.
-            BagError: not an mcap file, or a folder without one.
+            FileNotFoundError: there is no such path.
+            BagError: the path is no mcap file, or a folder without one.
         """
-        self._files = [McapFile(p) for p in _paths(path)]
-        self._factories = [DecoderFactory() for _ in self._files]  # numbers hold within a file
+        self._files = [McapFile(p) for p in _mcap_paths(path)]
+        # Schemas are numbered within a file: each file has a decoder of its own.
+        self._factories = [DecoderFactory() for _ in self._files]
+        # Sum up the messages of each topic over the files.
         types: dict[str, str] = {}
         counts: Counter[str] = Counter()
         for file in self._files:
@@ -66,32 +71,35 @@ class BagReader:
 
     @property
     def overrun(self) -> set[tuple[str, int]]:
-        """Camera and stamp of the views that the recorded scan had no time for and left out."""
+        """Camera and stamp (ns) of the views that the recorded scan had no time for."""
         return {(camera, stamp) for camera, stamp in json.loads(self.facts.get("overrun", "[]"))}
 
     @property
     def truncated(self) -> bool:
-        """A file ends early or is damaged, or its recording ended before the scan."""
+        """Whether a file ends early or is damaged, or its recording ended before the scan."""
         return any(file.truncated for file in self._files) \
             or self.facts.get("ended", "").startswith("cut")
 
     def records(self, topics: set[str]) -> Iterator[Record]:
-        """The messages of these topics in log-time order; of equal times, in file order."""
+        """Messages of these topics in log-time order; of equal times, in file order."""
         blocks = sorted((block.start_ns, number, block.offset, block)
                         for number, file in enumerate(self._files) for block in file.blocks)
-        heap: list[tuple[int, int, int, int, RawMessage]] = []
-        upcoming = 0
-        while heap or upcoming < len(blocks):
-            while upcoming < len(blocks) and (not heap or blocks[upcoming][0] <= heap[0][0]):
-                _, number, offset, block = blocks[upcoming]
-                upcoming += 1
+        pending: list[tuple[int, int, int, int, RawMessage]] = []  # heap, the earliest first
+        next_block = 0
+        while pending or next_block < len(blocks):
+            # Load every block that may hold a message as early as the earliest pending one.
+            while next_block < len(blocks) and (not pending
+                                                or blocks[next_block][0] <= pending[0][0]):
+                _, number, offset, block = blocks[next_block]
+                next_block += 1
                 file = self._files[number]
                 for place, message in enumerate(file.load(block)):
                     channel = file.channels.get(message.channel_id)
                     if channel and channel.topic in topics:
-                        heapq.heappush(heap, (message.log_time_ns, number, offset, place, message))
-            if heap:
-                _, number, _, _, message = heapq.heappop(heap)
+                        heapq.heappush(pending,
+                                       (message.log_time_ns, number, offset, place, message))
+            if pending:
+                _, number, _, _, message = heapq.heappop(pending)
                 yield self._record(number, message)
 
     def _record(self, number: int, message: RawMessage) -> Record:
@@ -106,93 +114,41 @@ class BagReader:
                       partial(decoder, message.data))
 
 
-def _paths(path: Path) -> list[Path]:
-    """The .mcap files of a bag."""
+def _mcap_paths(path: Path) -> list[Path]:
+    """Paths of the .mcap files of a bag."""
     if not path.exists():
         raise FileNotFoundError(f"no bag {path}; expected a rosbag2 folder or .mcap file")
     if path.is_file():
         return [path]
-    paths = sorted(path.glob("*.mcap"))  # a recorder that was killed leaves no metadata.yaml
+    paths = sorted(path.glob("*.mcap"))
     if not paths:
         raise BagError(f"no .mcap file in {path}; it holds "
                        f"{sorted(p.name for p in path.iterdir())[:8]}")
-    if len(scans := finished(path)) > 1:
+    if len(scans := finished_recordings(path)) > 1:
         raise BagError(f"{path} holds the recordings of {len(scans)} scans; expected one: name "
                        f"its file, e.g. {scans[-1]}")
-    try:
-        metadata = yaml.safe_load((path / "metadata.yaml").read_text())
-        told = metadata["rosbag2_bagfile_information"]
-        names, compression = told["relative_file_paths"], told.get("compression_mode")
-    except FileNotFoundError:
-        return paths
-    except (yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, AttributeError) as error:
-        raise BagError(f"{path / 'metadata.yaml'} is not a rosbag2 metadata file: "
-                       f"{str(error).splitlines()[0]}") from error
-    if str(compression or "none").lower() not in ("none", "storage"):
-        raise BagError(f"{path} is compressed by '{compression}'; expected none, or chunks "
-                       "compressed within the .mcap file")
-    missing = [name for name in names if not (path / name).is_file()]
-    if missing:
-        raise BagError(f"{path} lacks {', '.join(missing)}, named in its metadata.yaml")
+    _check_metadata(path)
     return paths
 
 
-def fit_config(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> CollectorConfig:
-    """The settings of one camera with topics and transports that the bag has; a replay is not
-    recorded.
+def _check_metadata(folder: Path) -> None:
+    """Refuses a rosbag2 folder that is compressed as a whole or lacks a file it names.
 
-    Raises:
-        BagError: no colour images.
+    A folder without metadata.yaml passes: a recorder that was killed leaves none.
     """
-    compressed = f"{config.color_topic}/compressed"
-    if compressed not in topics and config.color_topic not in topics:
-        raise BagError(f"no images on {config.color_topic} or {compressed}; the bag has "
-                       f"{', '.join(topics) or 'no topics'}")
-    labels = config.labels_topic or LABELS_TOPIC
-    return replace(
-        config, color_transport="raw" if config.color_topic in topics else "compressed",
-        depth_topic=config.depth_topic if config.depth_topic in topics else "",
-        labels_topic=labels if labels in topics else "", record_folder="")
-
-
-def fit_rig(rig: Rig, topics: dict[str, tuple[str, int]]) -> Rig:
-    """One camera with topics and transports that the bag has; a rig file's as they are.
-
-    Raises:
-        BagError: no colour images of any camera.
-    """
-    if len(rig.cameras) == 1:
-        camera = rig.cameras[0]
-        return replace(rig, cameras=(replace(camera, config=fit_config(camera.config, topics)),))
-    wanted = RigAssembler(rig).color_topics()
-    if not set(wanted) & set(topics):
-        raise BagError(f"no images on {', '.join(wanted)}; the bag has "
-                       f"{', '.join(topics) or 'no topics'}")
-    return rig
-
-
-def listened(assembler: RigAssembler) -> list[str]:
-    """The topics that a collector of these cameras listens to."""
-    return [*assembler.takers(), *(("/tf", "/tf_static") if assembler.needs_tf else ())]
-
-
-def read_views(reader: BagReader, assembler: RigAssembler) -> Iterator[tuple[str, View]]:
-    """Feeds a bag to the cameras' assemblers; yields camera names and views, of each camera in
-    stamp order.
-
-    Raises:
-        BagError: a message does not decode.
-    """
-    takers = assembler.takers()
-    for record in reader.records(set(listened(assembler))):
-        try:
-            message = record.decode()
-        except Exception as error:  # the decoder's errors are of many classes
-            raise BagError(f"a message on {record.topic} does not decode: {error}") from error
-        if record.topic in ("/tf", "/tf_static"):
-            for transform in message.transforms:
-                assembler.add_transform(transform, record.topic == "/tf_static")
-        for _, take in takers.get(record.topic, ()):
-            take(message)
-        yield from assembler.poll()
-    yield from assembler.flush()
+    try:
+        metadata = yaml.safe_load((folder / "metadata.yaml").read_text())
+        information = metadata["rosbag2_bagfile_information"]
+        names, compression = information["relative_file_paths"], information.get(
+            "compression_mode")
+    except FileNotFoundError:
+        return
+    except (yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, AttributeError) as error:
+        raise BagError(f"{folder / 'metadata.yaml'} is not a rosbag2 metadata file: "
+                       f"{str(error).splitlines()[0]}") from error
+    if str(compression or "none").lower() not in ("none", "storage"):
+        raise BagError(f"{folder} is compressed by '{compression}'; expected none, or chunks "
+                       "compressed within the .mcap file")
+    missing = [name for name in names if not (folder / name).is_file()]
+    if missing:
+        raise BagError(f"{folder} lacks {', '.join(missing)}, named in its metadata.yaml")

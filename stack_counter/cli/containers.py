@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command `stack-counter container`: teach an empty container, list those taught."""
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from stack_counter.files import config_path
 
 
 def add_container(commands: argparse._SubParsersAction) -> None:
-    """Adds the command to the command line's."""
+    """Adds `container` to the commands of the command line."""
     container = commands.add_parser("container", help="teach an empty container, or list them")
     more = container.add_subparsers(required=True, metavar="teach | list")
     teach = more.add_parser("teach", help="measure an empty container and store it")
@@ -48,11 +49,11 @@ def _teach(options: argparse.Namespace) -> int:
         raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
     path = options.out or catalogue_path(config.reconstructor)
     if path.exists():
-        load_containers(path)  # or say what is wrong with it before the work
-    from stack_counter.bag.replay import teach
+        load_containers(path)  # raises what is wrong with it, before the work
+    from stack_counter.teaching.teach_container import teach_container  # takes a second to load
 
     with tqdm(unit=" views", desc="teach", disable=not sys.stderr.isatty()) as bar:
-        taught = teach(options.bag, config, lambda: bar.update() and None)
+        taught = teach_container(options.bag, config, lambda: bar.update() and None)
     save_container(options.name, taught, path)
     print(f"{as_line(options.name, taught)}\nstored in {path}")
     return 0

@@ -272,9 +272,9 @@ def _import(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    from stack_counter.bag.info import describe
+    from stack_counter.bag.info import describe_bag
 
-    print(describe(options.bag, load(config_path("stack_counter.yaml")).collector))
+    print(describe_bag(options.bag, load(config_path("stack_counter.yaml")).collector))
     return 0
 
 

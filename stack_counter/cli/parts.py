@@ -204,10 +204,10 @@ def _template(options: argparse.Namespace) -> int:
                         "cm3; expected a part without (--force replaces it)")
     if not options.bag.exists():
         raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
-    from stack_counter.bag.replay import bag_views
+    from stack_counter.bag.replay import read_scan
     from stack_counter.parts.template import scan_template, shipped
 
-    template = scan_template(bag_views(options.bag, config), options.pieces, config.reconstructor)
+    template = scan_template(read_scan(options.bag, config), options.pieces, config.reconstructor)
     v, std = shipped().unit_volume(template)
     kept = _kept_history(old, v, options.force)
     save_part(Part(v, options.name, std, density=old.density if old else 0.0, counted=kept,
@@ -262,7 +262,7 @@ def _calibrate(options: argparse.Namespace) -> int:
         return 0
     if options.bag is None or not options.bag.exists():
         raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
-    from stack_counter.bag.replay import bag_volume
+    from stack_counter.bag.replay import measure_bag
     from stack_counter.occupancy.baselines import make_estimator
     from stack_counter.parts.calibration import count_from_weight, counted_scan
 
@@ -273,7 +273,7 @@ def _calibrate(options: argparse.Namespace) -> int:
     )
     estimator = make_estimator(config.counter)
     with tqdm(unit=" views", desc="scan", disable=not sys.stderr.isatty()) as bar:
-        volume = bag_volume(options.bag, config, part.unit_volume, lambda: bar.update() and None)
+        volume = measure_bag(options.bag, config, part.unit_volume, lambda: bar.update() and None)
     counted = counted_scan(part, volume, count, estimator, options.bag.resolve().name,
                            config.counter.confidence, options.force)
     save_part(replace(part, counted=(*part.counted, counted.scan)), path)

@@ -1,56 +1,66 @@
-"""The container catalogue: what empty-bin scans have taught (config/containers.yaml)."""
+# SPDX-License-Identifier: Apache-2.0
+"""The container catalogue: containers that empty-bin scans have measured (config/containers.yaml).
+"""
 
 from __future__ import annotations
 
 import dataclasses
-import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall, WallShape
-from stack_counter.errors import ConfigError, ScanError
-from stack_counter.files import config_path, write_atomically
-from stack_counter.types import StackVolume
+from stack_counter.errors import ConfigError
+from stack_counter.files import config_path, edit_yaml_entry, parse_yaml, write_atomically
 
-_MOST_IN_IT = 0.02  # share of its capacity that an empty container may seem to hold
-_HEAD = """\
+_NEW_CATALOGUE = """\
 # The container catalogue: what the setting `container` looks up.
-# Written by `stack-counter container teach NAME BAG`, which keeps entries but not your comments.
+# Written by `stack-counter container teach NAME BAG`, which keeps your comments.
+containers:
 """
 _TAUGHT_SETTINGS = ("container_kind", "container_inner_size_m", "container_wall_m",
                     "container_floor_m")
-# Lines of an entry by kind: key, how many numbers, meaning and unit.
-_FORM_LINES = {
-    "box": (("outer_size_m", 2, "x (the longer) and y of the outer face at the rim, m"),
-            ("draft", 1, "by how much the walls come in for each metre down, m/m")),
-    "round": (("outer_radius_m", 1, "R of the outer face at the rim, m"),
-              ("lean", 1, "p in r^2 = R^2 - 2 p R z - q z^2, z below the rim, m/m"),
-              ("bend", 1, "q, m2/m2")),
-    "free": (("outer_radius_m", 17, "outer face at the rim: mean, 8 cosines, 8 sines, m"),
-             ("lean", 9, "by how much it comes in for each metre down: mean, 4, 4, m/m"),
-             ("bend", 1, "and with the square of that, over the mean radius, m/m")),
-}
-_SIZE_LINES = (("wall_m", 1, "thickness of the wall, horizontal, m"),
-               ("floor_m", 1, "thickness of the floor, m"),
-               ("rim_m", 1, "height of the rim above the support plane, m"))
 
 
 @dataclass(frozen=True)
+class _Key:
+    """A key of an entry: its name, how many numbers it holds, their meaning and unit."""
+
+    name: str
+    count: int
+    meaning: str
+
+
+_FORM_KEYS = {
+    "box": (_Key("outer_size_m", 2, "x (the longer) and y of the outer face at the rim, m"),
+            _Key("draft", 1, "by how much the walls come in for each metre down, m/m")),
+    "round": (_Key("outer_radius_m", 1, "R of the outer face at the rim, m"),
+              _Key("lean", 1, "p in r^2 = R^2 - 2 p R z - q z^2, z below the rim, m/m"),
+              _Key("bend", 1, "q, m2/m2")),
+    "free": (_Key("outer_radius_m", 17, "outer face at the rim: mean, 8 cosines, 8 sines, m"),
+             _Key("lean", 9, "by how much it comes in for each metre down: mean, 4, 4, m/m"),
+             _Key("bend", 1, "and with the square of that, over the mean radius, m/m")),
+}
+_SIZE_KEYS = (_Key("wall_m", 1, "thickness of the wall, horizontal, m"),
+              _Key("floor_m", 1, "thickness of the floor, m"),
+              _Key("rim_m", 1, "height of the rim above the support plane, m"))
+
+
+@dataclass(frozen=True, eq=False)
 class TaughtContainer:
     """A container as an empty-bin scan measured it.
 
     Attributes:
-        form: outer face of its wall, container frame: x along a box's longer side, else along
-            the world's x when it was taught.
-        wall_m, floor_m: thickness, metres; the wall's is measured horizontally.
+        form: outer face of its wall in the container frame: x along a box's longer side, else
+            along the world's x when it was taught.
+        wall_m: thickness of the wall, measured horizontally, metres.
+        floor_m: thickness of the floor, metres.
         rim_m: height of the rim above the support plane, metres.
-        taught: when and from what.
+        taught: when it was measured, and from which recording.
     """
 
     form: WallShape
@@ -60,51 +70,30 @@ class TaughtContainer:
     taught: str = ""
 
 
-def taught_from(volume: StackVolume, taught: str) -> TaughtContainer:
-    """What the scan of an empty container teaches.
+def catalogue_path(config: ReconstructorConfig) -> Path:
+    """Path of the configured catalogue, else of the shipped one.
 
     Raises:
-        ScanError: no container was found, or it is not empty.
+        ConfigError: none is configured and the shipped one is missing.
     """
-    box, inner = volume.container, volume.inner
-    if box.form is None or inner is None:
-        raise ScanError(f"container is '{box.kind}'; expected a box, round or free one in views "
-                        "with depth")
-    rim = box.floor_thickness_m + box.inner_size_m[2]
-    capacity = float(np.nansum(rim - inner.heights)) * inner.pitch**2
-    if volume.stack_volume > _MOST_IN_IT * capacity:
-        raise ScanError(f"the container holds {volume.stack_volume * 1e6:.0f} cm3, "
-                        f"{volume.stack_volume / capacity:.1%} of its capacity; expected an empty "
-                        f"one, at most {_MOST_IN_IT:.0%}")
-    form = box.form
-    if isinstance(form, BoxWall) and form.params[3] < form.params[4]:
-        # A given yaw can only be understood if it is known which side is x: the longer one.
-        form = BoxWall(form.params[[0, 1, 2, 4, 3, 5]])
-    return TaughtContainer(form, box.wall_thickness_m, box.floor_thickness_m, rim, taught)
-
-
-def catalogue_path(config: ReconstructorConfig) -> Path:
-    """The configured catalogue, else the shipped one."""
-    given = config.container_catalogue
-    return Path(given) if given else config_path("containers.yaml")
+    configured = config.container_catalogue
+    return Path(configured) if configured else config_path("containers.yaml")
 
 
 def load_containers(path: Path | None = None) -> dict[str, TaughtContainer]:
-    """Taught containers by name; None is the shipped catalogue.
+    """Reads a catalogue; None is the shipped one.
+
+    Returns:
+        Taught containers by name, in the order of the file.
 
     Raises:
         ConfigError: the catalogue is missing or malformed.
     """
     path = path or config_path("containers.yaml")
     try:
-        document = yaml.safe_load(path.read_text())
-        return {str(name): _container(entry) for name, entry in
-                (document.get("containers") or {}).items()}
+        return _parse_containers(path.read_text(encoding="utf-8"), path)
     except OSError as error:
         raise ConfigError(f"no container catalogue {path}: {error.strerror}") from error
-    except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ConfigError(f"{path} is malformed at {error}; expected 'containers: NAME:' and what "
-                          "`stack-counter container teach` writes below it") from error
 
 
 def configured_container(config: ReconstructorConfig) -> TaughtContainer | None:
@@ -131,16 +120,22 @@ def save_container(name: str, container: TaughtContainer, path: Path) -> None:
     """Writes an entry into a catalogue, which is made if it is not there.
 
     Raises:
-        ConfigError: the catalogue is malformed.
+        ConfigError: the catalogue is malformed, or would be with this container.
     """
-    containers = load_containers(path) if path.exists() else {}
-    containers[name] = container
-    write_atomically(path, _HEAD + "containers:\n" + "".join(
-        _entry(name, containers[name]) for name in sorted(containers)))
+    text = _NEW_CATALOGUE
+    if path.exists():
+        text = path.read_text(encoding="utf-8")
+        _parse_containers(text, path)  # raises what is wrong with it before it is changed
+    keys = (*_FORM_KEYS[container.form.kind], *_SIZE_KEYS)
+    meanings = {"kind": "box, round or free", "taught": "when, from which recording",
+                **{key.name: key.meaning for key in keys}}
+    text = edit_yaml_entry(text, "containers", name, _entry_of(container), meanings)
+    _parse_containers(text, path)  # raises what could not be read again
+    write_atomically(path, text)
 
 
 def as_line(name: str, container: TaughtContainer) -> str:
-    """One line for people."""
+    """One line for people that describes a taught container."""
     x, y = np.ptp(container.form.ring(0.0, container.wall_m), axis=0) * 1000
     return (f"{name}: {container.form.kind}, {x:.0f} x {y:.0f} mm inside at the rim, "
             f"{(container.rim_m - container.floor_m) * 1000:.0f} mm deep, wall "
@@ -148,41 +143,53 @@ def as_line(name: str, container: TaughtContainer) -> str:
             f"({container.taught})")
 
 
-def _numbers(entry: Mapping[str, Any], lines: tuple[tuple[str, int, str], ...]) -> np.ndarray:
-    found = []
-    for key, count, _ in lines:
-        values = np.atleast_1d(np.array(entry[key], float))
-        if values.shape != (count,) or not np.isfinite(values).all():
-            raise ValueError(f"{key}: {entry[key]} ({count} numbers needed)")
-        if key.endswith("_m") and values[0] < 0:
-            raise ValueError(f"{key}: {entry[key]} (0 or more needed)")
-        found.append(values)
-    return np.concatenate(found)
+def _parse_containers(text: str, path: Path) -> dict[str, TaughtContainer]:
+    try:
+        document = parse_yaml(text)
+        return {str(name): _container_of(entry) for name, entry in
+                (document.get("containers") or {}).items()}
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"{path} is malformed at {error}; expected 'containers: NAME:' and what "
+                          "`stack-counter container teach` writes below it") from error
 
 
-def _container(entry: Mapping[str, Any]) -> TaughtContainer:
+def _container_of(entry: Mapping[str, Any]) -> TaughtContainer:
+    """Makes a container of its entry."""
     kind = entry["kind"]
-    if kind not in _FORM_LINES:
-        raise ValueError(f"kind: {kind} (one of {sorted(_FORM_LINES)} needed)")
-    params = _numbers(entry, _FORM_LINES[kind])
+    if kind not in _FORM_KEYS:
+        raise ValueError(f"kind: {kind} (one of {sorted(_FORM_KEYS)} needed)")
+    # The wall stands in its own frame: a box without yaw and middle, others without middle.
+    params = _checked_numbers(entry, _FORM_KEYS[kind])
     forms: dict[str, WallShape] = {"box": BoxWall(np.concatenate([np.zeros(3), params])),
                                    "round": RoundWall(np.concatenate([np.zeros(2), params])),
                                    "free": FreeWall(params, np.zeros(2))}
-    wall, floor, rim = (float(x) for x in _numbers(entry, _SIZE_LINES))
+    wall, floor, rim = (float(x) for x in _checked_numbers(entry, _SIZE_KEYS))
     if rim <= floor:
         raise ValueError(f"rim_m: {rim} (above floor_m, {floor}, needed)")
     return TaughtContainer(forms[kind], wall, floor, rim, str(entry.get("taught", "")))
 
 
-def _entry(name: str, container: TaughtContainer) -> str:
-    """The YAML of one entry; a comment on each line."""
-    form = container.form
-    lines = _FORM_LINES[form.kind]
-    values = [*form.params[-sum(count for _, count, _ in lines):], container.wall_m,
-              container.floor_m, container.rim_m]
-    text = f"  {json.dumps(name)}:\n    kind: {form.kind}  # box, round or free\n"
-    for key, count, meaning in (*lines, *_SIZE_LINES):
-        numbers = [float(f"{x:.7g}") for x in values[:count]]
-        del values[:count]
-        text += f"    {key}: {numbers if count > 1 else numbers[0]}  # {meaning}\n"
-    return text + f"    taught: {json.dumps(container.taught)}  # when, from which recording\n"
+def _checked_numbers(entry: Mapping[str, Any], keys: Sequence[_Key]) -> np.ndarray:
+    """(n,) float64 numbers of some keys, one after the other."""
+    numbers = []
+    for key in keys:
+        values = np.atleast_1d(np.array(entry[key.name], float))
+        if values.shape != (key.count,) or not np.isfinite(values).all():
+            raise ValueError(f"{key.name}: {entry[key.name]} ({key.count} numbers needed)")
+        if key.name.endswith("_m") and values[0] < 0:
+            raise ValueError(f"{key.name}: {entry[key.name]} (0 or more needed)")
+        numbers.append(values)
+    return np.concatenate(numbers)
+
+
+def _entry_of(container: TaughtContainer) -> dict[str, Any]:
+    """What the catalogue holds of a container, by key."""
+    keys = _FORM_KEYS[container.form.kind]
+    numbers = [*container.form.params[-sum(key.count for key in keys):], container.wall_m,
+               container.floor_m, container.rim_m]
+    entry: dict[str, Any] = {"kind": container.form.kind}
+    for key in (*keys, *_SIZE_KEYS):
+        values = [float(f"{x:.7g}") for x in numbers[:key.count]]
+        del numbers[:key.count]
+        entry[key.name] = values if key.count > 1 else values[0]
+    return {**entry, "taught": container.taught}

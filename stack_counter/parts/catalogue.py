@@ -1,27 +1,25 @@
+# SPDX-License-Identifier: Apache-2.0
 """The part catalogue: what is known of each part (config/parts.yaml)."""
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError, PartError
-from stack_counter.files import config_path, write_atomically
+from stack_counter.files import config_path, edit_yaml_entry, parse_yaml, write_atomically
 from stack_counter.parts.counted_scan import CountedScan
 from stack_counter.parts.gamma_model import PartModels, read_models
 
 MOST_FRICTION = 2.0
-_HEAD = """\
+_NEW_CATALOGUE = """\
 # The part catalogue: what `--part NAME`, the parameter `part` and the action's goal look up.
-# `stack-counter part` writes it and keeps entries but not your comments. Of a part, only
-# unit_volume_cm3 must be there:
+# `stack-counter part` writes entries and keeps your comments. Of a part, only unit_volume_cm3
+# must be there:
 #   unit_volume_cm3      volume of one part, cm3, above 0
 #   unit_volume_std_cm3  its standard deviation, cm3; 0 where it is exact
 #   mesh                 CAD file, from this file's folder
@@ -31,22 +29,30 @@ _HEAD = """\
 #   tuned                file of the network's last layers, adapted to those piles
 #   note                 where it comes from
 #   counted              bins of it that were counted: `stack-counter part calibrate` writes these
+parts:
 """
+_KEYS = ("unit_volume_cm3", "unit_volume_std_cm3", "mesh", "density_g_cm3", "friction",
+         "gamma_prior", "tuned", "note", "counted")
+_FILE_KEYS = ("mesh", "gamma_prior", "tuned")
 
 
 @dataclass(frozen=True)
 class Part:
-    """One part.
+    """What is known of one part.
 
     Attributes:
-        unit_volume: v, m3; `unit_volume_std` its standard deviation, m3.
-        name: in the catalogue; empty where only v was given.
-        mesh, gamma_prior, tuned: files; None where there are none.
-        density: kg/m3; 0 where not known.
-        friction: least and most; None where not known.
-        note: where it comes from.
-        counted: calibration history, oldest first.
-        overridden: v was given, and is not that by which the catalogue knows more of the part.
+        unit_volume: volume v of one part, m3.
+        name: of the part in the catalogue; empty where only v was given.
+        unit_volume_std: standard deviation of v, m3; 0 where v is exact.
+        mesh: CAD file; None where there is none.
+        density: of the material, kg/m3; 0 where it is not known.
+        friction: least and most, of parts on each other; None where it is not known.
+        gamma_prior: file of the models fitted to simulated piles; None where there is none.
+        tuned: file of the network's last layers, adapted to those piles; None where there is none.
+        note: text that names where the part comes from.
+        counted: calibration history, oldest scan first.
+        overridden: whether another v was given than that by which the catalogue knows more of
+            the part.
     """
 
     unit_volume: float
@@ -63,12 +69,21 @@ class Part:
 
     @cached_property
     def models(self) -> PartModels | None:
-        """What its simulated piles say; None where there are none.
+        """Models of gamma fitted to the part's simulated piles; None where there are none.
 
         Raises:
             PartError: the file cannot be read.
         """
         return read_models(self.gamma_prior) if self.gamma_prior else None
+
+    def with_models_read(self) -> Part:
+        """This part, after its models were read: they stay in memory from then on.
+
+        Raises:
+            PartError: the file cannot be read.
+        """
+        _ = self.models
+        return self
 
     @property
     def relative_std(self) -> float:
@@ -77,41 +92,24 @@ class Part:
 
 
 def load_parts(path: Path | None = None) -> dict[str, Part]:
-    """Parts by name; None is the shipped catalogue.
+    """Reads a catalogue; None is the shipped one.
+
+    Returns:
+        Parts by name, in the order of the file.
 
     Raises:
         ConfigError: the catalogue is missing or malformed.
     """
     path = path or config_path("parts.yaml")
     try:
-        now = path.stat()
-        return dict(_parts(path, (now.st_mtime_ns, now.st_ino, now.st_size)))
+        stat = path.stat()
+        return dict(_cached_parts(path, (stat.st_mtime_ns, stat.st_ino, stat.st_size)))
     except OSError as error:
         raise ConfigError(f"no part catalogue {path}: {error.strerror}") from error
 
 
-@lru_cache(maxsize=8)
-def _parts(path: Path, version: tuple[int, ...]) -> dict[str, Part]:
-    """Those of a version of the file: nodes ask for every volume."""
-    return _parsed(path.read_text(), path)
-
-
-def _parsed(text: str, path: Path) -> dict[str, Part]:
-    try:
-        document = yaml.load(text, _OnceLoader)
-        if not isinstance(document, dict) or set(document) != {"parts"}:
-            raise ValueError(f"{document if not isinstance(document, dict) else sorted(document)}")
-        return {str(name): _part(str(name), entry, path.parent)
-                for name, entry in (document["parts"] or {}).items()}
-    except (yaml.YAMLError, AttributeError, KeyError, ValueError) as error:
-        line = " ".join(str(error).split())
-        raise ConfigError(f"{path} is malformed at {line}; expected 'parts: NAME: "
-                          "unit_volume_cm3: NUMBER' and what the head of config/parts.yaml "
-                          "names") from error
-
-
 def resolve_part(name: str, unit_volume: float, catalogue: str = "") -> Part:
-    """The part that is named, or one of which no more than v is known.
+    """Looks up the part that is named, or makes one of which no more than v is known.
 
     Args:
         name: in the catalogue, or "".
@@ -120,20 +118,19 @@ def resolve_part(name: str, unit_volume: float, catalogue: str = "") -> Part:
         catalogue: file; empty is the shipped one.
 
     Raises:
-        PartError: neither is given, the name is unknown, or the volume is no positive number.
-        ConfigError: as `load_parts`.
+        PartError: neither is given, the name is unknown, the volume is no positive number, or
+            the part's models cannot be read.
+        ConfigError: the catalogue is missing or malformed.
     """
     if not name and not unit_volume:
         raise PartError("no part named and no unit volume given; expected one of them")
     parts = load_parts(Path(catalogue) if catalogue else None) if name else {}
-    if name in parts and (not unit_volume or math.isclose(
-            unit_volume, parts[name].unit_volume, rel_tol=1e-9)):
-        part = parts[name]
-        part.models  # noqa: B018 - or say why its file cannot be read
-        return part
+    part = parts.get(name)
+    if part and (not unit_volume or math.isclose(unit_volume, part.unit_volume, rel_tol=1e-9)):
+        return part.with_models_read()
     if unit_volume:
-        more = name in parts and (parts[name].gamma_prior or parts[name].counted)
-        return Part(check_unit_volume(unit_volume), name, overridden=bool(more))
+        overridden = bool(part and (part.gamma_prior or part.counted))
+        return Part(check_unit_volume(unit_volume), name, overridden=overridden)
     raise PartError(f"unknown part '{name}'; expected one of {sorted(parts)}")
 
 
@@ -141,11 +138,11 @@ def save_part(part: Part, path: Path) -> None:
     """Writes a part into a catalogue, which is made if it is not there.
 
     Raises:
-        ConfigError: the catalogue is malformed.
+        ConfigError: the catalogue is malformed, or would be with this part.
     """
-    parts = load_parts(path) if path.exists() else {}
-    parts[part.name] = part
-    _write(parts, path)
+    if path.exists():
+        load_parts(path)  # raises what is wrong with it before it is changed
+    _write_entry(part.name, _entry_of(part, path.parent), path)
 
 
 def remove_part(name: str, path: Path) -> None:
@@ -153,99 +150,27 @@ def remove_part(name: str, path: Path) -> None:
 
     Raises:
         ConfigError: the catalogue is malformed.
-        PartError: it is not there.
+        PartError: the catalogue does not hold the part.
     """
     parts = load_parts(path)
     if name not in parts:
         raise PartError(f"unknown part '{name}'; expected one of {sorted(parts)}")
-    del parts[name]
-    _write(parts, path)
+    _write_entry(name, None, path)
 
 
-def _write(parts: dict[str, Part], path: Path) -> None:
-    text = _HEAD + "parts:\n" + "".join(_entry(parts[name], path.parent) for name in sorted(parts))
-    _parsed(text, path)  # or say what could not be read again, before anything is lost
+def _write_entry(name: str, values: dict[str, Any] | None, path: Path) -> None:
+    text = path.read_text(encoding="utf-8") if path.exists() else _NEW_CATALOGUE
+    text = edit_yaml_entry(text, "parts", name, values)
+    _parse_parts(text, path)  # raises what could not be read again, before anything is lost
     write_atomically(path, text)
 
 
-class _OnceLoader(yaml.SafeLoader):
-    """Refuses two entries of one name."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        """The mapping. Raises ValueError where a key comes twice."""
-        keys = [str(self.construct_object(key, deep=True)) for key, _ in node.value]
-        twice = [key for i, key in enumerate(keys) if key in keys[:i]]
-        if twice:
-            raise ValueError(f"two entries '{twice[0]}' (one needed)")
-        return super().construct_mapping(node, deep)
-
-
-_KEYS = ("unit_volume_cm3", "unit_volume_std_cm3", "mesh", "density_g_cm3", "friction",
-         "gamma_prior", "tuned", "note", "counted")
-
-
-def _part(name: str, entry: dict[str, Any], folder: Path) -> Part:
-    try:
-        return _checked_part(name, entry, folder)
-    except (TypeError, ValueError, PartError) as error:
-        raise ValueError(f"'{name}': {error}") from error
-
-
-def _checked_part(name: str, entry: dict[str, Any], folder: Path) -> Part:
-    if not isinstance(entry, dict):
-        raise ValueError(f"{entry!r} (keys needed)")
-    wrong = [key for key in entry if key not in _KEYS]
-    if wrong:
-        raise ValueError(f"key '{wrong[0]}' (one of {', '.join(_KEYS)} needed)")
-    if "unit_volume_cm3" not in entry:
-        raise ValueError("no unit_volume_cm3")
-    volume, std, density = (_number(entry.get(key, 0.0), key) for key in (
-        "unit_volume_cm3", "unit_volume_std_cm3", "density_g_cm3"))
-    mesh, prior, tuned = (folder / str(entry[key]) if entry.get(key) else None
-                          for key in ("mesh", "gamma_prior", "tuned"))
-    counted = entry.get("counted") or []
-    if not isinstance(counted, list):
-        raise ValueError(f"counted {counted!r} (a list needed)")
-    return Part(check_unit_volume(volume * 1e-6), name, std * 1e-6, mesh, density * 1e3,
-                _friction(entry.get("friction")), prior, tuned, str(entry.get("note", "")),
-                tuple(_counted(scan) for scan in counted))
-
-
-def _number(value: object, what: str) -> float:
-    try:
-        number = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        number = math.nan
-    if not (math.isfinite(number) and number >= 0):
-        raise ValueError(f"{what} {value!r} (a number, 0 or more, needed)")
-    return number
-
-
-def _friction(pair: object) -> tuple[float, float] | None:
-    if pair is None:
-        return None
-    if not isinstance(pair, list) or len(pair) != 2:
-        raise ValueError(f"friction {pair!r} (least and most needed)")
-    low, high = (_number(value, "friction") for value in pair)
-    if not low <= high <= MOST_FRICTION:
-        raise ValueError(f"friction {pair} (least and most, 0 to {MOST_FRICTION:g}, needed)")
-    return low, high
-
-
-def _counted(entry: dict[str, Any]) -> CountedScan:
-    names = [f.name for f in fields(CountedScan)]
-    if not isinstance(entry, dict) or sorted(entry) != sorted(names):
-        raise ValueError(f"counted {entry} (keys {', '.join(names)} needed)")
-    scan = CountedScan(**entry)
-    return replace(scan, inner_size_m=tuple(float(x) for x in scan.inner_size_m)).checked()
-
-
-def _entry(part: Part, folder: Path) -> str:
-    """The YAML of one part."""
+def _entry_of(part: Part, folder: Path) -> dict[str, Any]:
+    """What the catalogue in a folder holds of a part, by key."""
     values: dict[str, Any] = {"unit_volume_cm3": float(f"{part.unit_volume * 1e6:.16g}")}
     if part.unit_volume_std:
         values["unit_volume_std_cm3"] = float(f"{part.unit_volume_std * 1e6:.4g}")
-    for key in ("mesh", "gamma_prior", "tuned"):
+    for key in _FILE_KEYS:
         path = getattr(part, key)
         if path is not None:
             values[key] = str(path.relative_to(folder) if path.is_relative_to(folder) else path)
@@ -255,7 +180,83 @@ def _entry(part: Part, folder: Path) -> str:
         values["friction"] = list(part.friction)
     if part.note:
         values["note"] = part.note
-    lines = [f"    {key}: {json.dumps(value)}" for key, value in values.items()]
     if part.counted:
-        lines += ["    counted:", *(f"      - {scan.as_flow()}" for scan in part.counted)]
-    return "\n".join([f"  {json.dumps(part.name)}:", *lines]) + "\n"
+        values["counted"] = [scan.as_entry() for scan in part.counted]
+    return values
+
+
+@lru_cache(maxsize=8)
+def _cached_parts(path: Path, version: tuple[int, ...]) -> dict[str, Part]:
+    """Parts of one version of a file; nodes ask for them with every volume."""
+    return _parse_parts(path.read_text(encoding="utf-8"), path)
+
+
+def _parse_parts(text: str, path: Path) -> dict[str, Part]:
+    try:
+        document = parse_yaml(text)
+        if not isinstance(document, dict) or set(document) != {"parts"}:
+            raise ValueError(f"{document if not isinstance(document, dict) else sorted(document)}")
+        return {str(name): _part_of(str(name), entry, path.parent)
+                for name, entry in (document["parts"] or {}).items()}
+    except (AttributeError, ValueError) as error:
+        line = " ".join(str(error).split())
+        raise ConfigError(f"{path} is malformed at {line}; expected 'parts: NAME: "
+                          "unit_volume_cm3: NUMBER' and what the head of config/parts.yaml "
+                          "names") from error
+
+
+def _part_of(name: str, entry: Any, folder: Path) -> Part:
+    """Makes a part of its entry; ValueError names the part and what is wrong with it."""
+    try:
+        return _checked_part(name, entry, folder)
+    except (TypeError, ValueError, PartError) as error:
+        raise ValueError(f"'{name}': {error}") from error
+
+
+def _checked_part(name: str, entry: Any, folder: Path) -> Part:
+    if not isinstance(entry, dict):
+        raise ValueError(f"{entry!r} (keys needed)")
+    unknown = [key for key in entry if key not in _KEYS]
+    if unknown:
+        raise ValueError(f"key '{unknown[0]}' (one of {', '.join(_KEYS)} needed)")
+    if "unit_volume_cm3" not in entry:
+        raise ValueError("no unit_volume_cm3")
+    volume, std, density = (_checked_number(entry.get(key, 0.0), key) for key in (
+        "unit_volume_cm3", "unit_volume_std_cm3", "density_g_cm3"))
+    mesh, prior, tuned = (folder / str(entry[key]) if entry.get(key) else None
+                          for key in _FILE_KEYS)
+    counted = entry.get("counted") or []
+    if not isinstance(counted, list):
+        raise ValueError(f"counted {counted!r} (a list needed)")
+    return Part(check_unit_volume(volume * 1e-6), name, std * 1e-6, mesh, density * 1e3,
+                _checked_friction(entry.get("friction")), prior, tuned,
+                str(entry.get("note", "")), tuple(_checked_scan(scan) for scan in counted))
+
+
+def _checked_number(value: object, key: str) -> float:
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and number >= 0):
+        raise ValueError(f"{key} {value!r} (a number, 0 or more, needed)")
+    return number
+
+
+def _checked_friction(pair: object) -> tuple[float, float] | None:
+    if pair is None:
+        return None
+    if not isinstance(pair, list) or len(pair) != 2:
+        raise ValueError(f"friction {pair!r} (least and most needed)")
+    low, high = (_checked_number(value, "friction") for value in pair)
+    if not low <= high <= MOST_FRICTION:
+        raise ValueError(f"friction {pair} (least and most, 0 to {MOST_FRICTION:g}, needed)")
+    return low, high
+
+
+def _checked_scan(entry: Any) -> CountedScan:
+    names = [f.name for f in fields(CountedScan)]
+    if not isinstance(entry, dict) or sorted(entry) != sorted(names):
+        raise ValueError(f"counted {entry} (keys {', '.join(names)} needed)")
+    scan = CountedScan(**entry)
+    return replace(scan, inner_size_m=tuple(float(x) for x in scan.inner_size_m)).checked()

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -79,12 +79,11 @@ class CountedScan:
                     f"as on {self.date}")
         return ""
 
-    def as_flow(self) -> str:
-        """One line of YAML."""
+    def as_entry(self) -> dict[str, Any]:
+        """What the part catalogue holds of this scan, by key; numbers of six digits."""
         values = {key: float(f"{value:.6g}") if isinstance(value, float) else value
                   for key, value in asdict(self).items()}
-        values["inner_size_m"] = [float(f"{x:.6g}") for x in self.inner_size_m]
-        return json.dumps(values)
+        return {**values, "inner_size_m": [float(f"{x:.6g}") for x in self.inner_size_m]}
 
 
 def scans_of_same_rig(history: Sequence[CountedScan], volume: StackVolume) -> list[CountedScan]:

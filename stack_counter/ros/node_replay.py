@@ -16,8 +16,9 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from stack_counter_msgs.msg import StackCount as StackCountMsg
 from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
 
-from stack_counter.bag.reader import BagReader, fit_rig, listened
-from stack_counter.bag.replay import Replayed, count_entry, no_count
+from stack_counter.bag.bag_views import fit_rig_to_bag, subscribed_topics
+from stack_counter.bag.reader import BagReader
+from stack_counter.bag.replay import Replayed, count_entry, no_count_error
 from stack_counter.config import CollectorConfig, Config
 from stack_counter.counting import with_reasons
 from stack_counter.ros.conversions import from_stack_count, from_stack_volume, from_tally
@@ -65,7 +66,7 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     environment = private_environment()
     os.environ.update(environment)  # read by the DDS library when the context starts
     reader = BagReader(path)
-    rig = fit_rig(load_rig(config.collector), reader.topics)
+    rig = fit_rig_to_bag(load_rig(config.collector), reader.topics)
     nodes = NodeProcesses(
         replace(config, collector=_fit_collector(config.collector, rig, reader)), environment)
     with _spinning_player(rig, reader, config.collector.mode == "cycle", nodes,
@@ -107,7 +108,7 @@ def _spinning_player(rig: Rig, reader: BagReader, cycles: bool, nodes: NodeProce
     context = rclpy.context.Context()
     rclpy.init(context=context, domain_id=domain_id)
     assembler = RigAssembler(rig)
-    topics = {name: reader.topics[name][0] for name in listened(assembler)
+    topics = {name: reader.topics[name][0] for name in subscribed_topics(assembler)
               if name in reader.topics}
     player = Player(nodes, set(assembler.color_topics()), topics,
                     round(rig.tolerance_s * 1e9) if cycles else 0, context)
@@ -146,7 +147,7 @@ def _collect_result(final: StackCountMsg, player: Player, truncated: bool, entri
         ScanError: the nodes give no count.
     """
     if final.error:
-        raise no_count(final.error, from_tally(final.views), [])
+        raise no_count_error(final.error, from_tally(final.views), [])
     count = from_stack_count(final, from_stack_volume(player.volume))
     if truncated:
         count = with_reasons(count, Reason.BAG_TRUNCATED)

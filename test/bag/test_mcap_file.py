@@ -8,8 +8,9 @@ import pytest
 from kits.recording_kit import FRAME, TF, records, scan, tf_record, write
 from mcap.writer import CompressionType, Writer
 
+from stack_counter.bag.bag_views import fit_camera_to_bag
 from stack_counter.bag.mcap_file import McapFile
-from stack_counter.bag.reader import BagReader, fit_config
+from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
 
@@ -156,7 +157,7 @@ def test_the_head_alone_is_an_empty_bag(tmp_path):
     reader = BagReader(path)
     assert reader.truncated and reader.topics == {}
     with pytest.raises(BagError, match="no topics"):
-        fit_config(CollectorConfig(), reader.topics)
+        fit_camera_to_bag(CollectorConfig(), reader.topics)
 
 
 def test_an_unknown_compression_is_named(tmp_path):

@@ -10,8 +10,9 @@ from kits.bags import picture
 from rosbags.highlevel import AnyReader
 
 from stack_counter import geometry
+from stack_counter.bag.bag_views import fit_rig_to_bag, read_views
 from stack_counter.bag.nerfstudio import import_scene
-from stack_counter.bag.reader import BagReader, fit_rig, read_views
+from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
 from stack_counter.views.rig import RigAssembler, load_rig
@@ -22,7 +23,7 @@ FLIP = np.diag([1.0, -1, -1, 1])
 
 def views_of(path):
     reader = BagReader(path)
-    rig = fit_rig(load_rig(CollectorConfig()), reader.topics)
+    rig = fit_rig_to_bag(load_rig(CollectorConfig()), reader.topics)
     return [view for _, view in read_views(reader, RigAssembler(rig))]
 
 

@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 
 from stack_counter.bag import recorder as recorder_module
 from stack_counter.bag.reader import BagReader
-from stack_counter.bag.recorder import Recorder
+from stack_counter.bag.recorder import Recorder, RecorderSettings
 from stack_counter.bag.scan_file import Recording
 from stack_counter.errors import ConfigError
 
@@ -86,14 +86,14 @@ def test_an_image_is_in_the_file_at_once_and_transforms_soon(tmp_path, make, mon
     def written(topic, where):
         return [p for p in tmp_path.glob(where) if topic in BagReader(p).topics]
 
-    monkeypatch.setattr(recorder_module, "_FLUSH_S", 1000.0)
+    monkeypatch.setattr(recorder_module, "SETTINGS", RecorderSettings(flush_s=1000.0))
     recorder = make()
     recorder.start(FACTS)
     recorder.take(tf)
     recorder.take(noise(1))
     wait(lambda: written("/noise", "*.part"), "the image")
     recorder.stop("stop_scan")
-    monkeypatch.setattr(recorder_module, "_FLUSH_S", 0.1)
+    monkeypatch.setattr(recorder_module, "SETTINGS", RecorderSettings(flush_s=0.1))
     recorder = make(folder=tmp_path / "other")
     recorder.start(FACTS)
     recorder.take(tf)
@@ -101,7 +101,7 @@ def test_an_image_is_in_the_file_at_once_and_transforms_soon(tmp_path, make, mon
 
 
 def test_a_killed_recorder_leaves_its_images_and_the_next_gives_them_a_name(tmp_path, make, said):
-    code = ("import pathlib, sys, recorder_kit as kit\n"
+    code = ("import pathlib, sys\nfrom kits import recorder_kit as kit\n"
             "from stack_counter.bag.recorder import Recorder\n"
             "r = Recorder(pathlib.Path(sys.argv[1]), 1000.0, print)\n"
             "r.start(kit.FACTS)\n[r.take(m) for m in kit.camera()]\nsys.stdin.read()")
@@ -188,7 +188,8 @@ def test_a_folder_that_vanishes_is_said_once_a_scan(tmp_path, make, said):
 
 def test_a_disk_that_hangs_does_not_hold_the_scan_up(tmp_path, make, said, monkeypatch):
     goes_on, write = threading.Event(), Recording.write
-    monkeypatch.setattr(recorder_module, "_BACKLOG_BYTES", 1_000_000)
+    monkeypatch.setattr(recorder_module, "SETTINGS",
+                        RecorderSettings(max_backlog_bytes=1_000_000))
     monkeypatch.setattr(Recording, "write",
                         lambda self, message: goes_on.wait(60) and write(self, message))
     recorder = make()

@@ -12,8 +12,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
 
 from stack_counter import geometry
-from stack_counter.bag.info import describe
-from stack_counter.bag.reader import BagReader, fit_config
+from stack_counter.bag.bag_views import fit_camera_to_bag
+from stack_counter.bag.info import describe_bag
+from stack_counter.bag.reader import BagReader
 from stack_counter.bag.recorder import Recorder
 from stack_counter.bag.scan_file import Recording
 from stack_counter.config import CollectorConfig
@@ -45,7 +46,7 @@ def test_views_come_back_and_other_tools_read_the_file(tmp_path):
         qos = {c.topic: c.ext.offered_qos_profiles for c in reader.connections}
     assert qos["/tf_static"][0].durability == QosDurability.TRANSIENT_LOCAL and qos["/tf"] == []
     assert BagReader(path).facts == {**FACTS, "ended": "stop_scan"}
-    text = describe(path, CollectorConfig())
+    text = describe_bag(path, CollectorConfig())
     assert "recorded part: nut" in text and "6 usable of 6" in text and "problems" not in text
 
 
@@ -99,4 +100,4 @@ def test_a_replay_with_the_settings_of_a_cell_is_not_recorded(tmp_path):
     recorder.close()
     path, = tmp_path.iterdir()
     cell = CollectorConfig(record_folder=str(tmp_path))
-    assert fit_config(cell, BagReader(path).topics).record_folder == ""
+    assert fit_camera_to_bag(cell, BagReader(path).topics).record_folder == ""

@@ -24,7 +24,8 @@ from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
 
 from stack_counter import geometry
-from stack_counter.bag.reader import BagReader, fit_config, fit_rig, read_views
+from stack_counter.bag.bag_views import fit_camera_to_bag, fit_rig_to_bag, read_views
+from stack_counter.bag.reader import BagReader
 from stack_counter.bag.writer import write_bag
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
@@ -37,7 +38,7 @@ DISTORTED = replace(SMALL, distortion_model="plumb_bob", distortion=(0.1, -0.2, 
 def views_of(path, **settings):
     """Views that the reader finds in a bag; none may be skipped."""
     reader = BagReader(path)
-    rig = fit_rig(load_rig(CollectorConfig(**settings)), reader.topics)
+    rig = fit_rig_to_bag(load_rig(CollectorConfig(**settings)), reader.topics)
     assembler = RigAssembler(rig, live=False)
     views = [view for _, view in read_views(reader, assembler)]
     assert not assembler.tally.skipped
@@ -182,10 +183,10 @@ def test_topics_that_the_bag_lacks(tmp_path):
     views = [replace(v, color=None) for v in scan()]
     write_bag(tmp_path / "bag", views)
     with pytest.raises(BagError) as caught:
-        fit_config(CollectorConfig(), BagReader(tmp_path / "bag").topics)
+        fit_camera_to_bag(CollectorConfig(), BagReader(tmp_path / "bag").topics)
     assert COLOR in str(caught.value) and DEPTH in str(caught.value)
     no_depth = [replace(v, depth=None, labels=np.zeros((120, 160), np.uint8)) for v in scan()]
     write_bag(tmp_path / "labels", no_depth)
-    fitted = fit_config(CollectorConfig(), BagReader(tmp_path / "labels").topics)
+    fitted = fit_camera_to_bag(CollectorConfig(), BagReader(tmp_path / "labels").topics)
     assert (fitted.depth_topic, fitted.labels_topic, fitted.color_transport) \
         == ("", LABELS, "compressed")

@@ -1,26 +1,19 @@
-"""A container taught by an empty-bin scan, stored, and counted with elsewhere."""
-
-from dataclasses import replace
+# SPDX-License-Identifier: Apache-2.0
+"""The container catalogue: what it holds, what of it is refused, and that comments stay."""
 
 import numpy as np
 import pytest
-from kits.analytic import Scene
 
-from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import (
     TaughtContainer,
+    configured_container,
     load_containers,
     save_container,
-    taught_from,
 )
 from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall
-from stack_counter.errors import ConfigError, ScanError
-from stack_counter.pipeline import StackCounter
-from stack_counter.sim.scenes.containers import ContainerShape
+from stack_counter.errors import ConfigError
 
-TOTE = ContainerShape("bin", np.eye(4), (0.3, 0.2, 0.12), 0.004, 0.006, np.deg2rad(8))
-BAG = ContainerShape("bag", np.eye(4), (0.2, 0.16, 0.12), 0.004, 0.004, seed=3)
 TAUGHT = {
     "box": TaughtContainer(BoxWall(np.array([0, 0, 0, 0.3, 0.2, 0.14])), 0.004, 0.006, 0.12, "a"),
     "round": TaughtContainer(RoundWall(np.array([0, 0, 0.1, 0.05, -1])), 0.003, 0.0, 0.1, "b: #"),
@@ -28,90 +21,26 @@ TAUGHT = {
 }
 
 
-def at(shape, x, y, yaw):
-    """The shape elsewhere on the support plane."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    return replace(shape, T_world_container=geometry.pose(turn, np.array([x, y, 0])))
-
-
-def reconstruct(scene, **settings):
-    stack = StackCounter(ReconstructorConfig(**settings))
-    for view in scene.views(12, noise=0.001, tilts=(12, 28, 42)):
-        stack.add_view(view)
-    return stack.volume()
-
-
-def filled(shape, share):
-    """Scene and true V of a shape filled flat to a share of its depth."""
-    scene = Scene()
-    return scene, scene.filled(shape, share * shape.inner_size_m[2])
-
-
-@pytest.fixture(scope="module")
-def catalogue(tmp_path_factory):
-    path = tmp_path_factory.mktemp("catalogue") / "containers.yaml"
-    for name, shape in (("tote", at(TOTE, 0.03, -0.02, 0.5)), ("bag", BAG)):
-        save_container(name, taught_from(reconstruct(filled(shape, 0.0)[0]), "today"), path)
-    return str(path)
-
-
-@pytest.mark.parametrize("name, shape, x, y, yaw", [("tote", TOTE, -0.04, 0.03, -0.9),
-                                                    ("bag", BAG, 0.03, -0.02, 2.2)])
-@pytest.mark.parametrize("share", [0.3, 0.8])
-def test_a_taught_container_gives_v_elsewhere(catalogue, name, shape, x, y, yaw, share):
-    scene, truth = filled(at(shape, x, y, yaw), share)
-    result = reconstruct(scene, container=name, container_catalogue=catalogue)
-    T = result.container.T_world_container
-    turned = np.arctan2(T[1, 0], T[0, 0]) - yaw
-    if name == "tote":  # half a turn makes no difference
-        turned *= 2
-    assert T[:2, 3] == pytest.approx([x, y], abs=0.002)
-    assert np.abs(np.angle(np.exp(1j * turned))) < np.deg2rad(1)
-    assert result.stack_volume == pytest.approx(truth, rel=0.03)
-
-
-def test_a_given_pose_is_used_as_given(catalogue):
-    scene, truth = filled(at(TOTE, 0.05, 0.02, 0.4), 0.5)
-    result = reconstruct(scene, container="tote", container_catalogue=catalogue,
-                         container_pose="given", container_xyyaw=(0.05, 0.02, 0.4))
-    T = result.container.T_world_container
-    assert (T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])) == pytest.approx((0.05, 0.02, 0.4))
-    assert result.stack_volume == pytest.approx(truth, rel=0.03)
-
-
-def test_another_container_is_not_taken_for_it(catalogue):
-    with pytest.raises(ScanError, match="container 'bag' not found: a rim 0.12. m high on .*75%"):
-        reconstruct(filled(TOTE, 0.5)[0], container="bag", container_catalogue=catalogue)
-
-
-def test_only_an_empty_container_teaches():
-    with pytest.raises(ScanError, match="cm3, .*% of its capacity; expected an empty one"):
-        taught_from(reconstruct(filled(TOTE, 0.3)[0]), "today")
-    with pytest.raises(ScanError, match="container is 'none'; expected a box, round or free one"):
-        taught_from(reconstruct(Scene().box([0, 0, 0.03], [0.2, 0.15, 0.06])), "today")
-
-
 def test_what_is_saved_is_loaded_and_others_stay(tmp_path):
     path = tmp_path / "c.yaml"
     for name in (*TAUGHT, "round"):
         save_container(name, TAUGHT[name], path)
     loaded = load_containers(path)
-    assert list(loaded) == ["box", "free", "round"]
+    assert list(loaded) == ["box", "round", "free"]
     for name, taught in TAUGHT.items():
         assert loaded[name].form.kind == name
         assert loaded[name].form.params == pytest.approx(taught.form.params)
         assert loaded[name].taught == taught.taught
         assert (loaded[name].wall_m, loaded[name].floor_m, loaded[name].rim_m) \
             == (taught.wall_m, taught.floor_m, taught.rim_m)
-    assert all("  # " in line for line in path.read_text().splitlines() if line[:4] == "    ")
+    assert all(" # " in line for line in path.read_text().splitlines() if line[:4] == "    ")
 
 
 @pytest.mark.parametrize("old, new, said", [
     ("draft: 0.14", "draft: steep", "could not convert string to float: 'steep'"),
     ("draft: 0.14", "draft: .nan", "draft: nan"), ("draft:", "daft:", "malformed at 'draft'"),
     ("[0.3, 0.2]", "[0.3]", "2 numbers needed"), ("wall_m: 0.004", "wall_m: -1", "0 or more"),
-    ("rim_m: 0.12", "rim_m: 0.001", "above floor_m"), ("kind: box", "kind: tub", "kind: tub"),
+    ("rim_m: 0.12", "rim_m: 0.001", "above floor_m"), ('kind: "box"', "kind: tub", "kind: tub"),
     ("containers:", "containers: [", "malformed")])
 def test_a_damaged_catalogue_is_one_line(tmp_path, old, new, said):
     path = tmp_path / "c.yaml"
@@ -121,11 +50,40 @@ def test_a_damaged_catalogue_is_one_line(tmp_path, old, new, said):
         load_containers(path)
 
 
-def test_settings_that_contradict_the_catalogue_are_refused(catalogue):
-    with pytest.raises(ConfigError, match=r"unknown container 'tub'; expected .*'bag', 'tote'"):
-        StackCounter(ReconstructorConfig(container="tub", container_catalogue=catalogue))
-    with pytest.raises(ConfigError, match="container_floor_m is 0.01 beside container 'tote'"):
-        StackCounter(ReconstructorConfig(container="tote", container_catalogue=catalogue,
-                                         container_floor_m=0.01))
+def test_settings_that_contradict_the_catalogue_are_refused(tmp_path):
+    path = str(tmp_path / "c.yaml")
+    for name in ("box", "round"):
+        save_container(name, TAUGHT[name], tmp_path / "c.yaml")
+    with pytest.raises(ConfigError, match=r"unknown container 'tub'; expected .*'box', 'round'"):
+        configured_container(ReconstructorConfig(container="tub", container_catalogue=path))
+    with pytest.raises(ConfigError, match="container_floor_m is 0.01 beside container 'box'"):
+        configured_container(ReconstructorConfig(container="box", container_catalogue=path,
+                                                 container_floor_m=0.01))
     with pytest.raises(ConfigError, match="no container catalogue none.yaml"):
-        StackCounter(ReconstructorConfig(container="tote", container_catalogue="none.yaml"))
+        configured_container(ReconstructorConfig(container="box",
+                                                 container_catalogue="none.yaml"))
+
+
+def test_the_comments_and_the_order_of_a_users_file_stay(tmp_path):
+    path = tmp_path / "c.yaml"
+    save_container("tub", TAUGHT["round"], path)
+    save_container("box", TAUGHT["box"], path)
+    text = "# Cell 7\n" + path.read_text().replace(
+        "draft: 0.14", "draft: 0.14  # by hand").replace('  "box"', "  # The blue ones\n  box")
+    path.write_text(text + "# end\n")
+    save_container("can", TAUGHT["round"], path)
+    assert path.read_text().startswith(text) and path.read_text().endswith("# end\n")
+    save_container("tub", TAUGHT["box"], path)
+    assert list(load_containers(path)) == ["tub", "box", "can"]
+    assert load_containers(path)["tub"].form.kind == "box"
+    kept = path.read_text()
+    assert kept[kept.index("  # The blue ones"):].startswith(text[text.index("  # The blue"):])
+    assert "lean" not in kept[:kept.index("  # The blue ones")]
+
+
+def test_a_name_twice_is_refused(tmp_path):
+    path = tmp_path / "c.yaml"
+    save_container("box", TAUGHT["box"], path)
+    path.write_text(path.read_text() + "  box:\n    kind: box\n")
+    with pytest.raises(ConfigError, match="malformed at two entries 'box'"):
+        load_containers(path)

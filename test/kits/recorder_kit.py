@@ -5,7 +5,8 @@ import time
 import numpy as np
 from kits.recording_kit import IMAGE, STORE, records, scan
 
-from stack_counter.bag.reader import BagReader, fit_rig, read_views
+from stack_counter.bag.bag_views import fit_rig_to_bag, read_views
+from stack_counter.bag.reader import BagReader
 from stack_counter.bag.recorder import Received
 from stack_counter.config import CollectorConfig
 from stack_counter.views.rig import RigAssembler, load_rig
@@ -43,7 +44,8 @@ def record(recorder, messages, scan_id="a"):
 
 def views_of(path):
     reader = BagReader(path)
-    assembler = RigAssembler(fit_rig(load_rig(CollectorConfig()), reader.topics), live=False)
+    rig = fit_rig_to_bag(load_rig(CollectorConfig()), reader.topics)
+    assembler = RigAssembler(rig, live=False)
     views = [view for _, view in read_views(reader, assembler)]
     assert not assembler.tally.skipped
     return views

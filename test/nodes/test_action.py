@@ -12,7 +12,8 @@ from stack_counter_msgs.msg import ScanStatus, StackCount
 from stack_counter_msgs.srv import GetCount, StartCount
 from std_srvs.srv import Trigger
 
-from stack_counter.bag.reader import BagReader, fit_config, listened
+from stack_counter.bag.bag_views import fit_camera_to_bag, subscribed_topics
+from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig
 from stack_counter.ros.player import message_type
 from stack_counter.views.rig import RigAssembler, load_rig
@@ -24,13 +25,13 @@ BAG = Path(__file__).parents[2] / "bags" / "demo"
 def cell(ros):
     """Three nodes, the demo bag ready to be played, and an action client."""
     reader = BagReader(BAG)
-    config = fit_config(CollectorConfig(), reader.topics)
+    config = fit_camera_to_bag(CollectorConfig(), reader.topics)
     ros.start("collector", color_transport="compressed", tf_timeout_s=20.0)
     ros.start("reconstructor")
     ros.start("counter", estimator="depth_corrected")
     qos = QoSProfile(depth=1000)
     publishers = {t: ros.node.create_publisher(message_type(reader.topics[t][0]), t, qos)
-                  for t in listened(RigAssembler(load_rig(config))) if t in reader.topics}
+                  for t in subscribed_topics(RigAssembler(load_rig(config))) if t in reader.topics}
     client = ActionClient(ros.node, CountStack, "/stack_counter/count_stack")
     assert client.wait_for_server(60)
     ros.wait_until_collector_receives(*publishers.values())

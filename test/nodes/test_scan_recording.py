@@ -16,7 +16,8 @@ from stack_counter_msgs.srv import StartScan, StopScan
 from std_srvs.srv import Trigger
 
 from stack_counter import geometry
-from stack_counter.bag.reader import BagReader, read_views
+from stack_counter.bag.bag_views import read_views
+from stack_counter.bag.reader import BagReader
 from stack_counter.cli import main
 from stack_counter.config import CollectorConfig
 from stack_counter.ros.player import message_type

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The part catalogue: what it holds, what of it is refused, and that nothing gets lost."""
 
 from dataclasses import replace
@@ -30,6 +31,46 @@ def test_a_part_survives_the_file(tmp_path):
     assert set(load_parts(path)) == {"other"}
     with pytest.raises(PartError, match="unknown part 'nut: #1'; expected one of"):
         remove_part("nut: #1", path)
+
+
+USERS = """\
+# Parts of cell 7.
+parts:
+  # Fasteners
+  bolt: {unit_volume_cm3: 3}  # M8
+  "nut":
+    unit_volume_cm3: 1.5  # weighed, 2026-02-03
+    # Steel:
+    density_g_cm3: 7.85
+
+  # Pasta
+  spiral:
+    unit_volume_cm3: 1.05
+# end
+"""
+
+
+def test_comments_and_order_of_a_users_file_stay(tmp_path):
+    path = tmp_path / "parts.yaml"
+    path.write_text(USERS)
+    parts = load_parts(path)
+    save_part(replace(parts["nut"], note="turned: #1", counted=(COUNTED,)), path)
+    added = path.read_text()
+    assert load_parts(path)["nut"].counted == (COUNTED,) and list(load_parts(path)) == list(parts)
+    lines = added.splitlines()
+    assert [line for line in lines if line in USERS.splitlines()] == USERS.splitlines()
+    assert lines[7:9] == ["    density_g_cm3: 7.85", '    note: "turned: #1"']
+    for _ in range(2):
+        save_part(replace(load_parts(path)["nut"], counted=(COUNTED, COUNTED)), path)
+        save_part(replace(load_parts(path)["nut"], counted=(COUNTED,)), path)
+    assert path.read_text() == added
+    save_part(parts["nut"], path)
+    assert path.read_text() == USERS, "what is taken back leaves nothing"
+    save_part(Part(4e-6, "yes"), path)
+    assert path.read_text().replace('  "yes":\n    unit_volume_cm3: 4.0\n', "") == USERS
+    remove_part("yes", path)
+    remove_part("nut", path)
+    assert path.read_text() == USERS[:USERS.index('  "nut"')] + USERS[USERS.index("\n  # Pasta"):]
 
 
 def test_what_could_not_be_read_again_is_not_written(tmp_path):
@@ -69,7 +110,7 @@ def test_a_catalogue_edited_wrongly_says_where(tmp_path, text, what):
 def test_a_counted_scan_with_impossible_numbers_is_refused(tmp_path):
     path = tmp_path / "parts.yaml"
     save_part(Part(1e-6, "a", counted=(COUNTED,)), path)
-    path.write_text(path.read_text().replace('"count": 240', '"count": -1'))
+    path.write_text(path.read_text().replace("count: 240", "count: -1"))
     with pytest.raises(ConfigError, match="-1"):
         load_parts(path)
 

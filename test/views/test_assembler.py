@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from kits.bags import FRAME, bag, bin_views, picture
 
-from stack_counter.bag.reader import BagReader, fit_config, listened
+from stack_counter.bag.bag_views import fit_camera_to_bag, subscribed_topics
+from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig
 from stack_counter.views.assembler import ViewAssembler
 from stack_counter.views.rig import RigAssembler, load_rig
@@ -16,8 +17,8 @@ from stack_counter.views.rig import RigAssembler, load_rig
 def load(path):
     """Topic and message of every record, and the settings that fit."""
     reader = BagReader(path)
-    config = fit_config(CollectorConfig(), reader.topics)
-    topics = listened(RigAssembler(load_rig(config)))
+    config = fit_camera_to_bag(CollectorConfig(), reader.topics)
+    topics = subscribed_topics(RigAssembler(load_rig(config)))
     return [(r.topic, r.decode()) for r in reader.records(set(topics))], config
 
 

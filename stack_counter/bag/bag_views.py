@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Posed views of a bag: what a collector would make of the messages in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from stack_counter.bag.reader import BagReader
+from stack_counter.config import CollectorConfig
+from stack_counter.errors import BagError
+from stack_counter.types import View
+from stack_counter.views.rig import Rig, RigAssembler, load_rig
+
+LABELS_TOPIC = "/camera/labels"
+_TF_TOPICS = ("/tf", "/tf_static")
+
+
+class BagViews:
+    """The posed views of a bag, to be read once.
+
+    Attributes:
+        reader: of the bag.
+        assembler: of the cameras; its tally counts images received, used and skipped.
+    """
+
+    def __init__(self, path: Path, collector: CollectorConfig):
+        """Opens the bag and fits the cameras to the topics it has.
+
+        Args:
+            path: rosbag2 folder or .mcap file.
+            collector: settings of the cameras.
+
+        Raises:
+            FileNotFoundError: there is no such path.
+            BagError: the bag cannot be read, or has no colour images of these cameras.
+            ConfigError: the rig file cannot be used.
+        """
+        self.reader = BagReader(path)
+        self.assembler = RigAssembler(fit_rig_to_bag(load_rig(collector), self.reader.topics),
+                                      live=False)
+
+    def __iter__(self) -> Iterator[tuple[str, View]]:
+        return read_views(self.reader, self.assembler)
+
+
+def fit_camera_to_bag(config: CollectorConfig, topics: dict[str, tuple[str, int]]
+                      ) -> CollectorConfig:
+    """Settings of one camera with the topics and transports that a bag has, and no recording.
+
+    Args:
+        config: settings of the camera.
+        topics: type name and number of messages by topic.
+
+    Raises:
+        BagError: the bag has no colour images of the camera.
+    """
+    compressed = f"{config.color_topic}/compressed"
+    if compressed not in topics and config.color_topic not in topics:
+        raise BagError(f"no images on {config.color_topic} or {compressed}; the bag has "
+                       f"{', '.join(topics) or 'no topics'}")
+    labels = config.labels_topic or LABELS_TOPIC
+    return replace(
+        config, color_transport="raw" if config.color_topic in topics else "compressed",
+        depth_topic=config.depth_topic if config.depth_topic in topics else "",
+        labels_topic=labels if labels in topics else "", record_folder="")
+
+
+def fit_rig_to_bag(rig: Rig, topics: dict[str, tuple[str, int]]) -> Rig:
+    """One camera with the topics and transports that a bag has; a rig file's cameras as they are.
+
+    Args:
+        rig: the cameras.
+        topics: type name and number of messages by topic.
+
+    Raises:
+        BagError: the bag has no colour images of any camera.
+    """
+    if len(rig.cameras) == 1:
+        camera = rig.cameras[0]
+        fitted = fit_camera_to_bag(camera.config, topics)
+        return replace(rig, cameras=(replace(camera, config=fitted),))
+    expected = RigAssembler(rig).color_topics()
+    if not set(expected) & set(topics):
+        raise BagError(f"no images on {', '.join(expected)}; the bag has "
+                       f"{', '.join(topics) or 'no topics'}")
+    return rig
+
+
+def subscribed_topics(assembler: RigAssembler) -> list[str]:
+    """Topics that a collector of these cameras subscribes to."""
+    return [*assembler.takers(), *(_TF_TOPICS if assembler.needs_tf else ())]
+
+
+def read_views(reader: BagReader, assembler: RigAssembler) -> Iterator[tuple[str, View]]:
+    """Feeds a bag to the cameras' assemblers.
+
+    Yields:
+        Camera names and views, of each camera in stamp order.
+
+    Raises:
+        BagError: a message does not decode.
+    """
+    handlers = assembler.takers()
+    for record in reader.records(set(subscribed_topics(assembler))):
+        try:
+            message = record.decode()
+        except Exception as error:  # the decoder's errors are of many classes
+            raise BagError(f"a message on {record.topic} does not decode: {error}") from error
+        if record.topic in _TF_TOPICS:
+            for transform in message.transforms:
+                assembler.add_transform(transform, record.topic == "/tf_static")
+        for _, handle in handlers.get(record.topic, ()):
+            handle(message)
+        yield from assembler.poll()
+    yield from assembler.flush()
