@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plays a recorded bag into the three nodes, in the bag's own time.
 
     ros2 launch stack_counter replay.launch.py bag:=/path/to/bag part:=demo_nut mode:=continuous
@@ -24,7 +25,7 @@ NODES = os.path.join(get_package_share_directory("stack_counter"), "launch",
 
 
 def generate_launch_description():
-    """The nodes, and some seconds later the bag."""
+    """Starts the nodes, and some seconds later the bag."""
     declared = [
         DeclareLaunchArgument("bag", description="rosbag2 folder or .mcap file"),
         DeclareLaunchArgument("rate", description="speed of the bag's clock",

@@ -1,8 +1,9 @@
+# SPDX-License-Identifier: Apache-2.0
 """Starts collector, reconstructor and counter as three processes that come back if they die.
 
     ros2 launch stack_counter stack_counter.launch.py part:=demo_nut rig:=/path/to/rig.yaml
 
-An argument that is not given leaves what the settings file says.
+An argument that is not given leaves the setting of the file.
 """
 
 import os
@@ -15,8 +16,8 @@ from launch_ros.actions import Node
 from launch import LaunchDescription
 
 SHARE = get_package_share_directory("stack_counter")
-ALL = ("collector", "reconstructor", "counter")
-# Argument -> what it says, the nodes whose parameter it is, and its type.
+NODES = ("collector", "reconstructor", "counter")
+# Argument -> its description, the nodes whose parameter it is, and its type.
 ARGUMENTS = {
     "color_topic": ("colour images, without /compressed", ("collector",), str),
     "color_transport": ("how colour images come: raw or compressed", ("collector",), str),
@@ -33,30 +34,31 @@ ARGUMENTS = {
     "live": ("volume and count after every view: true or false", ("reconstructor",), bool),
     "container": ("name of a taught container", ("reconstructor",), str),
     "confidence": ("probability that the interval holds the true count", ("counter",), float),
-    "use_sim_time": ("time from /clock: true or false", ALL, bool),
-    "autostart": ("configure and activate at start: true or false", ALL, bool),
+    "use_sim_time": ("time from /clock: true or false", NODES, bool),
+    "autostart": ("configure and activate at start: true or false", NODES, bool),
 }
-READ = {str: str, float: float, bool: lambda text: text.lower() in ("true", "1", "yes")}
+PARSERS = {str: str, float: float, bool: lambda text: text.lower() in ("true", "1", "yes")}
 
 
 def make_nodes(context):
-    """The three nodes, with the arguments that were given on top of the settings file."""
-    def said(name):
+    """Returns the three nodes, with the arguments that were given on top of the settings file."""
+    def argument(name):
         return LaunchConfiguration(name).perform(context)
 
     nodes = []
-    for name in ALL:
-        given = {key: READ[kind](said(key)) for key, (_, of, kind) in ARGUMENTS.items()
-                 if name in of and said(key) != ""}
+    for name in NODES:
+        given = {key: PARSERS[kind](argument(key))
+                 for key, (_, node_names, kind) in ARGUMENTS.items()
+                 if name in node_names and argument(key) != ""}
         nodes.append(Node(
             package="stack_counter", executable=name, output="screen",
-            parameters=[said("params_file"), given], respawn=True, respawn_delay=2.0,
-            arguments=["--ros-args", "--log-level", said("log_level")]))
+            parameters=[argument("params_file"), given], respawn=True, respawn_delay=2.0,
+            arguments=["--ros-args", "--log-level", argument("log_level")]))
     return nodes
 
 
 def generate_launch_description():
-    """Arguments and nodes."""
+    """Declares the arguments and starts the nodes."""
     declared = [
         DeclareLaunchArgument("params_file", description="settings of all nodes",
                               default_value=os.path.join(SHARE, "config", "stack_counter.yaml")),

@@ -1,4 +1,5 @@
-"""Messages, services and actions: they import, and each field says what it means."""
+# SPDX-License-Identifier: Apache-2.0
+"""Messages, services and actions: they import, and each field has its meaning beside it."""
 
 from pathlib import Path
 

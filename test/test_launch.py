@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The launch files, with a stand-in for launch that keeps what is declared: it is not on PyPI."""
 
 import dataclasses
@@ -62,29 +63,29 @@ def nodes(module, **given):
 
 
 def test_three_processes_that_come_back(load):
-    of = nodes(load("stack_counter"))
-    assert set(of) == {"collector", "reconstructor", "counter"}
-    assert all(n.package == "stack_counter" and n.respawn for n in of.values())
-    for node in of.values():
+    started = nodes(load("stack_counter"))
+    assert set(started) == {"collector", "reconstructor", "counter"}
+    assert all(n.package == "stack_counter" and n.respawn for n in started.values())
+    for node in started.values():
         file, given = node.parameters
         assert Path(file) == ROOT / "config" / "stack_counter.yaml" and given == {}
 
 
 def test_what_is_given_is_a_parameter_of_its_type_and_nothing_else_is(load):
-    of = nodes(load("stack_counter"), part="nut", unit_volume_m3="2e-6", reliable="false",
+    started = nodes(load("stack_counter"), part="nut", unit_volume_m3="2e-6", reliable="false",
                live="true", use_sim_time="true")
-    assert of["collector"].parameters[1] == {"part": "nut", "unit_volume_m3": 2e-6,
+    assert started["collector"].parameters[1] == {"part": "nut", "unit_volume_m3": 2e-6,
                                              "reliable": False, "use_sim_time": True}
-    assert of["reconstructor"].parameters[1] == {"live": True, "use_sim_time": True}
-    assert of["counter"].parameters[1] == {"part": "nut", "unit_volume_m3": 2e-6,
+    assert started["reconstructor"].parameters[1] == {"live": True, "use_sim_time": True}
+    assert started["counter"].parameters[1] == {"part": "nut", "unit_volume_m3": 2e-6,
                                            "use_sim_time": True}
 
 
 def test_every_argument_is_described_and_is_a_setting(load):
     module = load("stack_counter")
     assert all(a.description for a in declared(module.generate_launch_description()).values())
-    for key, (_, of, kind) in module.ARGUMENTS.items():
-        for node in of if key not in ("use_sim_time", "autostart") else ():
+    for key, (_, node_names, kind) in module.ARGUMENTS.items():
+        for node in node_names if key not in ("use_sim_time", "autostart") else ():
             fields = {f.name: f for f in dataclasses.fields(getattr(Config(), node))}
             assert isinstance(fields[key].default, kind), (node, key)
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The SROS 2 policy grants what the interface table lists, and nothing else."""
 
 from pathlib import Path

@@ -36,6 +36,7 @@ class Rate:
     """How often an event happens, how old its data is, and how long ago the last one was."""
 
     def __init__(self) -> None:
+        """Starts without events."""
         self._times: deque[float] = deque(maxlen=SETTINGS.max_events)
         self.latency_s = 0.0
         self.count = 0

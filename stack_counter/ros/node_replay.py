@@ -74,7 +74,7 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
         # Start the nodes.
         if not player.wait_until(player.is_connected, PLAYER_SETTINGS.start_timeout_s):
             raise NodeError(f"nodes not connected within {PLAYER_SETTINGS.start_timeout_s} s; "
-                            f"they said: {nodes.last_lines()}")
+                            f"the nodes said: {nodes.last_lines()}")
         loaded = time.perf_counter()
         # Play the scan.
         scan_id = player.start_scan(part, unit_volume)

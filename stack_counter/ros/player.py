@@ -169,7 +169,7 @@ class Player(Node):
             # The scan would lack what is played on these topics: begin it anew.
             self._call(self._reset, Trigger.Request())
             self._sleep(0.1)
-        raise NodeError(f"the collector does not hear {sorted(unmatched)}; expected a match "
+        raise NodeError(f"the collector does not receive {sorted(unmatched)}; expected a match "
                         f"within {SETTINGS.start_timeout_s} s")
 
     def play(self, reader: BagReader, rate: float, on_view: Callable[[], None]) -> None:

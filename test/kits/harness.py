@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Real DDS on a domain of its own: a test node that spins in the background, and processes."""
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class Harness:
             pass
 
     def start(self, name, **parameters):
-        """Starts one node as a process with these parameters."""
+        """Starts one node as a process with these parameters; returns the process."""
         arguments = [x for key, value in parameters.items() for x in ("-p", f"{key}:={value}")]
         log = open(self.folder / f"{name}.log", "wb")
         process = subprocess.Popen(
@@ -62,17 +63,17 @@ class Harness:
         return process
 
     def log(self, name):
-        """What a node has printed."""
+        """Returns what a node has printed."""
         return (self.folder / f"{name}.log").read_text()
 
     def collect_messages(self, kind, topic, qos=QoSProfile(depth=300)):
-        """A list that grows by the messages of a topic."""
+        """Returns a list to which the messages of a topic are appended as they come."""
         messages = []
         self.node.create_subscription(kind, topic, messages.append, qos)
         return messages
 
     def call(self, kind, name, request):
-        """A service's answer."""
+        """Calls a service and returns its answer."""
         client = self.node.create_client(kind, name)
         assert client.wait_for_service(PATIENCE_S), f"no service {name}"
         future = client.call_async(request)
@@ -80,8 +81,10 @@ class Harness:
         return future.result()
 
     def call_until_answered(self, kind, name):
-        """Calls a service without arguments until it answers: a request to a server that is just
-        being matched can get lost."""
+        """Calls a service without arguments until it answers; returns the answer.
+
+        A request to a server that is just being matched can get lost.
+        """
         client = self.node.create_client(kind, name)
         assert client.wait_for_service(PATIENCE_S), f"no service {name}"
         for _ in range(20):
@@ -94,30 +97,30 @@ class Harness:
         raise AssertionError(f"no answer of {name}")
 
     def wait(self, condition, what, seconds=PATIENCE_S):
-        """Waits until the condition holds; fails the test otherwise."""
+        """Waits until the condition holds; fails the test where it does not in time."""
         deadline = time.monotonic() + seconds
-        tick = threading.Event()
+        pause = threading.Event()
         while not condition():
             assert time.monotonic() < deadline, f"waited {seconds} s for {what}"
             for process in self.processes:
                 assert process.poll() is None, f"a node ended while waiting for {what}"
-            tick.wait(0.01)
+            pause.wait(0.01)
 
     def wait_for_subscribers(self, *publishers):
         """Waits until every publisher has a subscriber."""
         self.wait(lambda: all(p.get_subscription_count() for p in publishers), "subscribers")
 
     def wait_until_collector_receives(self, *publishers):
-        """Waits until the collector itself says that it hears these publishers."""
+        """Waits until the collector itself reports that it receives from these publishers."""
         topics = {p.topic_name for p in publishers}
 
-        def heard():
+        def receives():
             answer = self.call(StartScan, "/stack_counter/start_scan", StartScan.Request())
             self.call(Trigger, "/stack_counter/reset", Trigger.Request())
             return answer.accepted and not topics & set(answer.unmatched_topics)
 
         self.wait_for_subscribers(*publishers)
-        self.wait(heard, f"the collector to hear {sorted(topics)}")
+        self.wait(receives, f"the collector to receive {sorted(topics)}")
 
     def close(self):
         """Stops everything."""
@@ -135,24 +138,24 @@ class Camera:
     """A colour camera on the default topics, with TF."""
 
     def __init__(self, ros, intrinsics=Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5),
-                 qos=QoSProfile(depth=30), heard=True):
+                 qos=QoSProfile(depth=30), wait_for_collector=True):
         self.k = intrinsics
         self.color = ros.node.create_publisher(Image, "/camera/color/image_raw", qos)
         self.info = ros.node.create_publisher(CameraInfo, "/camera/color/camera_info", qos)
         self.tf = ros.node.create_publisher(TFMessage, "/tf", QoSProfile(depth=1000))
         self._pictures = {}
-        if heard:
+        if wait_for_collector:
             ros.wait_until_collector_receives(self.color, self.info, self.tf)
 
     def picture(self, k):
-        """A sharp picture of a size."""
+        """Returns a sharp picture of the size of a calibration."""
         if k not in self._pictures:
             self._pictures[k] = np.random.default_rng(0).integers(
                 0, 255, (k.height, k.width, 3), np.uint8)
         return self._pictures[k]
 
-    def pose(self, i, beside_ns=0):
-        """TF of view i."""
+    def publish_pose(self, i, beside_ns=0):
+        """Publishes TF of view number i, `beside_ns` from its stamp."""
         t = TransformStamped(header=to_header((i + 1) * 10**9 + beside_ns, "base_link"),
                              child_frame_id=FRAME)
         t.transform.translation.x = 0.01 * i
@@ -163,14 +166,14 @@ class Camera:
         k = k or self.k
         header = to_header((i + 1) * 10**9, FRAME)
         if with_tf:
-            self.pose(i, -20_000_000)
-            self.pose(i, 20_000_000)
+            self.publish_pose(i, -20_000_000)
+            self.publish_pose(i, 20_000_000)
         self.info.publish(to_camera_info(k, header))
         self.color.publish(image or to_image(self.picture(k), "rgb8", header))
 
 
 class StandInReconstructor:
-    """Plays the reconstructor: takes posed images and says so."""
+    """Subscribes to posed images and publishes their reception, as the reconstructor does."""
 
     def __init__(self, ros):
         from stack_counter_msgs.msg import PosedImage
@@ -178,22 +181,22 @@ class StandInReconstructor:
         self.images = []
         self._status = ros.node.create_publisher(ScanStatus, "/stack_counter/scan_status",
                                                  QoSProfile(depth=100))
-        ros.node.create_subscription(PosedImage, "/stack_counter/posed_images", self._take,
+        ros.node.create_subscription(PosedImage, "/stack_counter/posed_images", self._on_image,
                                      QoSProfile(depth=100))
         ros.node.create_subscription(ScanStatus, "/stack_counter/scan_status", self._on_status,
                                      QoSProfile(depth=100))
         ros.wait_for_subscribers(self._status)
         self._status.publish(ScanStatus(node="reconstructor"))
 
-    def _say(self, scan_id, state=ScanStatus.SCANNING):
+    def _publish_status(self, scan_id, state=ScanStatus.SCANNING):
         received = sum(m.scan_id == scan_id for m in self.images)
         self._status.publish(ScanStatus(node="reconstructor", scan_id=scan_id, state=state,
                                         received=received))
 
-    def _take(self, message):
+    def _on_image(self, message):
         self.images.append(message)
-        self._say(message.scan_id)
+        self._publish_status(message.scan_id)
 
     def _on_status(self, message):
         if message.node == "collector" and message.state == ScanStatus.STOPPED:
-            self._say(message.scan_id, ScanStatus.STOPPED)
+            self._publish_status(message.scan_id, ScanStatus.STOPPED)

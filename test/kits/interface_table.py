@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The table of topics, services and actions in docs/interface.md."""
 
 from pathlib import Path

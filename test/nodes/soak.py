@@ -1,4 +1,5 @@
-"""Many scans in a row, and every node killed in every state; prints the figures. `make soak`
+# SPDX-License-Identifier: Apache-2.0
+"""Many scans in a row, and every node killed in every state; prints what it measured. `make soak`
 
     python test/nodes/soak.py [--scans 200]
 """
@@ -55,16 +56,17 @@ class Station:
                                  lambda m: self.status.__setitem__(m.node, m), 100)
         self.counts = self.ros.collect_messages(StackCount, f"{SPACE}/count", LATCHED)
         self.settings = {"counter": {"estimator": estimator}}
-        self.of = {name: self.ros.start(name, **self.settings.get(name, {})) for name in NODES}
+        self.processes = {name: self.ros.start(name, **self.settings.get(name, {}))
+                          for name in NODES}
         self.scans, self.clock = 0, 0
-        self.heard()
+        self.wait_for_collector()
 
-    def heard(self) -> None:
-        """Waits until the collector hears the camera."""
+    def wait_for_collector(self) -> None:
+        """Waits until the collector receives the camera's topics."""
         self.ros.wait_until_collector_receives(self.color, self.depth, self.info, self.tf)
 
-    def publish(self, view) -> None:
-        """One view, now."""
+    def publish_view(self, view) -> None:
+        """Publishes one view with its pose and calibration."""
         self.clock += 1
         header = to_header(self.clock * 10**9, view.camera)
         pose = to_pose(view.T_world_camera)
@@ -80,20 +82,20 @@ class Station:
                                     header))
         self.color.publish(to_image(view.color, "rgb8", header))
 
-    def begin(self) -> str:
-        """A scan with all its views on their way."""
+    def start_scan(self) -> str:
+        """Starts a scan and publishes all its views; returns its id."""
         self.scans += 1
         scan_id = f"scan{self.scans}"
         answer = self.ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(
             scan_id=scan_id, unit_volume=self.unit_volume))
         assert answer.accepted, answer.message
         for view in self.views:
-            self.publish(view)
+            self.publish_view(view)
         return scan_id
 
-    def scan(self) -> tuple[StackCount, float]:
-        """One scan; its count, and the seconds from the last image to it."""
-        scan_id = self.begin()
+    def count_scan(self) -> tuple[StackCount, float]:
+        """Runs one scan; returns its count and the seconds from the last image to it."""
+        scan_id = self.start_scan()
         begin = time.monotonic()
         self.ros.wait(lambda: self.status["collector"].processed == VIEWS, "all views")
         self.ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request())
@@ -105,41 +107,41 @@ class Station:
         return count, taken
 
     def memory_mb(self) -> dict[str, float]:
-        """Resident memory of each node."""
+        """Returns the resident memory of each node, MB."""
         pages = {name: int(Path(f"/proc/{p.pid}/statm").read_text().split()[1])
-                 for name, p in self.of.items()}
+                 for name, p in self.processes.items()}
         return {name: n * 4096 / 1e6 for name, n in pages.items()}
 
     def cpu_s(self) -> dict[str, float]:
-        """CPU time of each node."""
+        """Returns the CPU time of each node, s."""
         fields = {name: Path(f"/proc/{p.pid}/stat").read_text().rsplit(")", 1)[1].split()
-                  for name, p in self.of.items()}
+                  for name, p in self.processes.items()}
         return {name: (int(f[11]) + int(f[12])) / 100 for name, f in fields.items()}
 
-    def end_node(self, name: str, number: int) -> float:
-        """Sends a signal; seconds until the process has ended."""
-        process = self.of[name]
+    def signal_node(self, name: str, number: int) -> float:
+        """Sends a signal to a node; returns the seconds until its process has ended."""
+        process = self.processes[name]
         self.ros.processes.remove(process)
         begin = time.monotonic()
         process.send_signal(number)
         process.wait(30)
         return time.monotonic() - begin
 
-    def bring_back(self, name: str) -> None:
-        """What a supervisor does: starts the node anew and has the others forget the scan."""
-        self.of[name] = self.ros.start(name, **self.settings.get(name, {}))
+    def restart_node(self, name: str) -> None:
+        """Starts a node anew and has the others forget the scan, as a supervisor does."""
+        self.processes[name] = self.ros.start(name, **self.settings.get(name, {}))
         self.ros.call_until_answered(Trigger, f"{SPACE}/reset_reconstruction")
         self.ros.call_until_answered(Trigger, f"{SPACE}/reset")
-        self.heard()
+        self.wait_for_collector()
         self.ros.wait(lambda: self.ros.node.count_subscribers(f"{SPACE}/volume") >= 1,
                       "a counter")
 
 
-def many_scans(station: Station, scans: int) -> list[str]:
-    """The same scan again and again: counts, latency, memory, CPU."""
+def repeat_scans(station: Station, scans: int) -> list[str]:
+    """Repeats one scan; returns lines with counts, latency, memory and CPU."""
     answers, latencies, memory, cpu = set(), [], {}, {}
     for i in range(1, scans + 1):
-        count, taken = station.scan()
+        count, taken = station.count_scan()
         assert not count.error, count.error
         answers.add(count.count)
         latencies.append(taken)
@@ -160,20 +162,23 @@ def many_scans(station: Station, scans: int) -> list[str]:
     return lines
 
 
-def every_end(station: Station) -> list[str]:
-    """Every node, in every state, ended by every signal: seconds to end, and the next scan."""
+def end_nodes_in_every_state(station: Station) -> list[str]:
+    """Ends every node in every state by every signal, each time with a scan afterwards.
+
+    Returns lines with the seconds that the nodes needed to end.
+    """
     lines = []
     for number in SIGNALS:
         for name in NODES:
             taken = []
             for state in STATES:
                 if state != "idle":
-                    station.begin()
+                    station.start_scan()
                 if state == "finishing":
                     station.ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request())
-                taken.append(station.end_node(name, number))
-                station.bring_back(name)
-                count, _ = station.scan()
+                taken.append(station.signal_node(name, number))
+                station.restart_node(name)
+                count, _ = station.count_scan()
                 right = not count.error and count.count_low <= station.true <= count.count_high
                 assert right, (name, state, count.error, count.count)
             lines.append(f"{signal.Signals(number).name:8} {name:14} " + ", ".join(
@@ -183,7 +188,7 @@ def every_end(station: Station) -> list[str]:
 
 
 def main() -> int:
-    """Prints the figures; ends with 1 where something is not right."""
+    """Prints what was measured; an assertion fails where a count is not right."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scans", type=int, default=200)
     parser.add_argument("--estimator", default="network")
@@ -192,8 +197,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         station = Station(Path(folder), options.estimator)
         try:
-            lines = many_scans(station, options.scans) if options.only != "ends" else []
-            lines += every_end(station) if options.only != "scans" else []
+            lines = repeat_scans(station, options.scans) if options.only != "ends" else []
+            lines += end_nodes_in_every_state(station) if options.only != "scans" else []
         finally:
             station.ros.close()
     print("\n".join(lines))

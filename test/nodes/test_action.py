@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action `count_stack` on three real nodes: feedback, verdict, cancel, rejection."""
 
 import threading

@@ -70,7 +70,7 @@ def test_a_configured_part_has_the_v_of_the_catalogue(ros, tmp_path):
     greet = ros.node.create_publisher(ScanStatus, f"{SPACE}/scan_status", QoSProfile(depth=10))
     ros.wait_for_subscribers(greet)
     ros.wait(lambda: ros.node.count_publishers(f"{SPACE}/posed_images"), "the collector's topic")
-    publish = Camera(ros, heard=False)  # which would start a scan of no part
+    publish = Camera(ros, wait_for_collector=False)  # which would start a scan of no part
     for publisher in (publish.color, publish.info, publish.tf):
         ros.wait_for_subscribers(publisher)
     greet.publish(ScanStatus(node="reconstructor"))

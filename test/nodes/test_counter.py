@@ -70,9 +70,9 @@ def test_the_count_stands_above_the_rim_as_text_and_an_error_does_too(ros, count
     box.pose.position.x, box.pose.position.z = 0.5, 0.2
     box.outer_size.x, box.outer_size.y, box.outer_size.z = 0.3, 0.2, 0.1
     box.inner_size.x, box.inner_size.y, box.inner_size.z = 0.3, 0.2, 0.1
-    said = counter(scan_id="f", unit_volume=1e-6, stack_volume=1e-3, stack_volume_std=1e-5,
-                   container=box, header=Header(frame_id="cell"))
-    text = f"{said.count} parts ({said.count_low} to {said.count_high}, 90%)"
+    count = counter(scan_id="f", unit_volume=1e-6, stack_volume=1e-3, stack_volume_std=1e-5,
+                    container=box, header=Header(frame_id="cell"))
+    text = f"{count.count} parts ({count.count_low} to {count.count_high}, 90%)"
     ros.wait(lambda: shown and shown[-1].markers[0].text.startswith(text), text)
     marker = shown[-1].markers[0]
     at = marker.pose.position

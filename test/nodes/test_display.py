@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When what RViz and Foxglove show is published."""
 
 import numpy as np
@@ -15,7 +16,7 @@ VOLUME = StackVolume(5, 1e-3, 1e-5, Container("none", np.eye(4)), (0, 0, 0), 1.0
 
 
 class Publisher:
-    """Remembers what is published; has as many subscribers as it is told."""
+    """Remembers what is published; has as many subscribers as the test sets."""
 
     def __init__(self):
         self.sent, self.subscribers = [], 0

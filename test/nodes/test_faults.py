@@ -109,12 +109,12 @@ def test_tf_that_comes_late_stops_or_jumps(ros):
     cell.start("tf")
     camera(0, with_tf=False)
     ros.wait(lambda: cell.status().values, "a second")
-    camera.pose(0, -20_000_000)
-    camera.pose(0, 20_000_000)  # late, but within the timeout
+    camera.publish_pose(0, -20_000_000)
+    camera.publish_pose(0, 20_000_000)  # late, but within the timeout
     ros.wait(lambda: len(taker.images) == 1, "the view that waited for its pose")
     camera(1, with_tf=False)
-    camera.pose(1, -500_000_000)
-    camera.pose(1, 500_000_000)  # too far apart to interpolate in
+    camera.publish_pose(1, -500_000_000)
+    camera.publish_pose(1, 500_000_000)  # too far apart to interpolate in
     ros.wait(lambda: cell.skipped("tf") == {"no_tf": 1}, "a skip")
     camera(2, with_tf=False)  # and none at all
     ros.wait(lambda: cell.skipped("tf") == {"no_tf": 2}, "another")
@@ -137,7 +137,8 @@ def test_a_clock_that_jumps_back(ros):
 
 def test_a_publisher_of_another_qos_is_an_error_that_says_so(ros):
     cell = Cell(ros)
-    Camera(ros, qos=QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT), heard=False)
+    Camera(ros, qos=QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT),
+           wait_for_collector=False)
     ros.wait(lambda: cell.status().level == DiagnosticStatus.ERROR, "an error")
     assert "another QoS" in cell.status().message and "reliable" in cell.status().message
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """docs/interface.md against the running nodes, and that they all have the lifecycle."""
 
 import pytest
@@ -55,7 +56,7 @@ def test_the_table_is_what_the_nodes_have(ros):
 @pytest.mark.parametrize("name", SETTINGS)
 def test_states_and_parameters(ros, name):
     ros.start(name, **({"estimator": "prior"} if name == "counter" else {}))
-    said = ros.collect_messages(DiagnosticArray, "/diagnostics")
+    diagnostics = ros.collect_messages(DiagnosticArray, "/diagnostics")
 
     def state():
         return ros.call(GetState, f"{SPACE}/{name}/get_state", GetState.Request()).current_state.id
@@ -68,8 +69,8 @@ def test_states_and_parameters(ros, name):
         return ros.call(SetParameters, f"{SPACE}/{name}/set_parameters", SetParameters.Request(
             parameters=[Parameter(name=key, value=value(x))])).results[0]
 
-    def figures():
-        status = [s for m in said for s in m.status if s.name == f"stack_counter: {name}"]
+    def values():
+        status = [s for m in diagnostics for s in m.status if s.name == f"stack_counter: {name}"]
         return {v.key: v.value for v in status[-1].values} if status else {}
 
     ros.wait(lambda: state() == State.PRIMARY_STATE_ACTIVE, "an active node")
@@ -82,7 +83,7 @@ def test_states_and_parameters(ros, name):
     assert [d.additional_constraints for d in described] == [
         "may change at run time", "read on configure; set it while the node is unconfigured"]
     assert change(Transition.TRANSITION_DEACTIVATE) and state() == State.PRIMARY_STATE_INACTIVE
-    ros.wait(lambda: figures().get("state") == "inactive", "diagnostics that say so")
+    ros.wait(lambda: values().get("state") == "inactive", "diagnostics that say so")
     assert change(Transition.TRANSITION_ACTIVATE) and change(Transition.TRANSITION_DEACTIVATE)
     assert change(Transition.TRANSITION_CLEANUP)
     assert state() == State.PRIMARY_STATE_UNCONFIGURED
@@ -91,5 +92,5 @@ def test_states_and_parameters(ros, name):
         assert not change(Transition.TRANSITION_CONFIGURE)
         assert put(fixed, "").successful
     assert change(Transition.TRANSITION_CONFIGURE) and change(Transition.TRANSITION_ACTIVATE)
-    ros.wait(lambda: figures().get("state") == "active" and float(figures()["memory MB"]) > 50,
+    ros.wait(lambda: values().get("state") == "active" and float(values()["memory MB"]) > 50,
              "diagnostics of an active node")

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The reconstructor over real DDS."""
 
 import json
@@ -110,8 +111,8 @@ def test_a_report_is_written_on_request_below_the_configured_folder(ros, reconst
     made = Path(ask().message)
     assert made.parent == tmp_path / "reports"
     assert made.name.startswith("report_19700101-000003-000_-x")
-    said = json.loads((made / "result.json").read_text())
-    assert (said["count"], said["volume_m3"]) == (412, volume.stack_volume)
+    result = json.loads((made / "result.json").read_text())
+    assert (result["count"], result["volume_m3"]) == (412, volume.stack_volume)
     assert (made / "surface.ply").stat().st_size > 10_000  # only the reconstructor has the mesh
     assert {"surface.png", "top_surface.png"} <= {p.name for p in made.iterdir()}
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The demo recording through the three real nodes: the same count as without ROS, live or not."""
 
 import json
@@ -80,6 +81,6 @@ def test_a_station_counts_every_cycle_and_names_the_dead_camera(tmp_path, capsys
     assert counts["--nodes"] == counts["--direct"]
     assert [c.get("missing_cameras") for c in counts["--direct"]] == [
         None, None, ["back"], None, None]
-    for said, true in zip(counts["--direct"], truth["counts"], strict=True):
-        low, high = said["count_interval"]
+    for entry, true in zip(counts["--direct"], truth["counts"], strict=True):
+        low, high = entry["count_interval"]
         assert low <= true["count"] <= high

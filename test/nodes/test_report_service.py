@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The service `write_report`: which count it writes, and where."""
 
 import json
@@ -51,7 +52,7 @@ def count(scan_id, stamp_ns=STAMP, number=412, final=True, error=""):
 
 
 def written(answer):
-    """What result.json of the folder that the service names says."""
+    """Returns result.json of the folder that the service names."""
     assert answer.success, answer.message
     return json.loads((Path(answer.message) / "result.json").read_text())
 
@@ -61,9 +62,9 @@ def test_a_count_is_written_once_with_the_mesh_of_its_volume(node, tmp_path):
     node.count(count("bin 7"))
     answer = node.write()
     assert answer.message == str(tmp_path / "reports" / "report_20231114-221320-123_bin-7")
-    said = written(answer)
-    assert (said["count"], said["count_interval"], said["gamma"]) == (412, [403, 421], 0.4)
-    assert said["volume_m3"] == 1e-3 and said["views"]["used"] == 12
+    result = written(answer)
+    assert (result["count"], result["count_interval"], result["gamma"]) == (412, [403, 421], 0.4)
+    assert result["volume_m3"] == 1e-3 and result["views"]["used"] == 12
     assert {p.name for p in Path(answer.message).iterdir()} == {
         "result.json", "surface.ply", "surface.png"}
     assert node.write().message == answer.message
@@ -71,7 +72,7 @@ def test_a_count_is_written_once_with_the_mesh_of_its_volume(node, tmp_path):
     node.count(count("bin 7", number=300))
     again = node.write()
     assert again.message == answer.message + "-2" and written(again)["count"] == 300
-    assert written(answer) == said
+    assert written(answer) == result
 
 
 def test_without_a_folder_or_a_count_it_says_what_is_missing(node):
@@ -105,16 +106,16 @@ def test_each_count_finds_its_own_volume(node):
     assert "not counted yet" in node.write().message
     node.count(count("a", STAMP + 1, 20, final=False))  # the first was not counted
     node.count(count("a", STAMP + 1, 30))
-    said = written(node.write())
-    assert (said["count"], said["volume_m3"]) == (30, 3e-3)
+    result = written(node.write())
+    assert (result["count"], result["volume_m3"]) == (30, 3e-3)
 
 
 def test_in_continuous_mode_the_last_one_counted_is_written(node):
     for i in range(7):  # more than are kept
         node.reports.keep("a", False, volume(STAMP + i, i))
     node.count(count("a", STAMP + 4, 40, final=False))
-    said = written(node.write())
-    assert (said["count"], said["volume_m3"]) == (40, 4e-3)
+    result = written(node.write())
+    assert (result["count"], result["volume_m3"]) == (40, 4e-3)
 
 
 @pytest.mark.parametrize("scan_id, name", [

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`stack-counter run`: three nodes, one of which is killed in mid-scan."""
 
 import os
@@ -36,12 +37,12 @@ def test_a_node_that_is_killed_comes_back_and_its_scan_is_reported_lost(ros, tmp
     ros.processes.append(run)
     counts = ros.collect_messages(StackCount, f"{SPACE}/count", LATCHED)
     states = ros.collect_messages(ScanStatus, f"{SPACE}/scan_status")
-    said = ros.collect_messages(DiagnosticArray, "/diagnostics")
+    diagnostics = ros.collect_messages(DiagnosticArray, "/diagnostics")
 
-    def greeted():
+    def reconstructor_is_ready():
         return any(s.node == "reconstructor" for s in states)
     camera = Camera(ros)
-    ros.wait(greeted, "the reconstructor")
+    ros.wait(reconstructor_is_ready, "the reconstructor")
     assert ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(
         scan_id="doomed", unit_volume=1e-6)).accepted
     camera(0)
@@ -52,9 +53,9 @@ def test_a_node_that_is_killed_comes_back_and_its_scan_is_reported_lost(ros, tmp
     assert counts[-1].status == StackCount.STATUS_ERROR and counts[-1].final
     assert counts[-1].error == "scan 'doomed' lost: reconstructor ended with signal 9"
     ros.wait(lambda: any(s.level == DiagnosticStatus.ERROR and "signal 9" in s.message
-                         for m in said for s in m.status), "an error in the diagnostics")
+                         for m in diagnostics for s in m.status), "an error in the diagnostics")
     states.clear()
-    ros.wait(greeted, "the reconstructor again")
+    ros.wait(reconstructor_is_ready, "the reconstructor again")
     after = children(run)
     assert after["reconstructor"] != before["reconstructor"]
     assert after["collector"] == before["collector"]

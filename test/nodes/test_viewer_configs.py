@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The files for RViz and Foxglove name what the nodes have: docs/interface.md, which is compared
 with the running nodes, and the fields of the messages."""
 

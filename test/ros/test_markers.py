@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What RViz and Foxglove show, against what was put in."""
 
 from dataclasses import replace
