@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Makes many scenes: resumes where it stopped; what lies in a shard depends on the seed alone."""
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import time
 from collections import Counter
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
 from hashlib import sha256
 from multiprocessing import get_context
 from pathlib import Path
@@ -30,8 +32,32 @@ from stack_counter.sim.scenes.shards import (
 from stack_counter.sim.shapes.library import load_shapes
 
 _LOG = logging.getLogger(__name__)
-RUN = "run.json"  # what the scenes of a folder are made from
-_LOST_POOLS = 5  # killed workers after which a run gives up
+# Files beside the shards: what they are made from, and a line of JSON for each.
+RUN_FILE, LOG_FILE = "run.json", "simulate.log"
+# A run gives up after so many pools that lost a worker; chosen.
+_MAX_POOLS = 5
+
+
+@dataclass
+class _Run:
+    """A run in progress.
+
+    Attributes:
+        out: folder of the shards.
+        seed, recipe: what the scenes are made from.
+        workers: number of processes.
+        sizes: number of scenes by shard that are not made yet.
+        failed: why a shard cannot be made, by its number.
+        bar: progress in scenes.
+    """
+
+    out: Path
+    seed: int
+    recipe: Recipe
+    workers: int
+    sizes: dict[int, int]
+    bar: tqdm
+    failed: dict[int, str] = field(default_factory=dict)
 
 
 def simulate(out: Path, scenes: int, workers: int, seed: int, plan: str = "mixed",
@@ -40,7 +66,9 @@ def simulate(out: Path, scenes: int, workers: int, seed: int, plan: str = "mixed
 
     Args:
         out: folder of the shards.
-        workers: processes.
+        scenes: number of scenes.
+        workers: number of processes.
+        seed: seed of the run.
         plan: containers and fills, a name in `recipes.PLANS`.
         library: file of the parts to take, which is copied to `out`; None for the training
             families.
@@ -51,89 +79,88 @@ def simulate(out: Path, scenes: int, workers: int, seed: int, plan: str = "mixed
             not be made; the others are there.
     """
     recipe = Recipe(plan, tuple(load_shapes(library)) if library else ())
+    # Note what the scenes are made from, and keep the library beside them
     out.mkdir(parents=True, exist_ok=True)
-    _claim(out, {"seed": seed, "plan": plan, "library": _digest(library)})
+    _claim_folder(out, {"seed": seed, "plan": plan, "library": _digest(library)})
     if library is not None and library.resolve() != (out / LIBRARY_FILE).resolve():
         shutil.copyfile(library, out / LIBRARY_FILE)
-    sizes = {
-        n: min(SCENES_PER_SHARD, scenes - n * SCENES_PER_SHARD)
-        for n in range(-(-scenes // SCENES_PER_SHARD))
-    }
-    missing = {n for n, size in sizes.items() if not _is_there(shard_path(out, n), size)}
-    failed: dict[int, str] = {}
-    with tqdm(total=scenes, initial=scenes - sum(sizes[n] for n in missing), unit=" scenes",
+    # Make the shards that are missing
+    shards = range(-(-scenes // SCENES_PER_SHARD))
+    sizes = {n: min(SCENES_PER_SHARD, scenes - n * SCENES_PER_SHARD) for n in shards}
+    missing = {n: size for n, size in sizes.items() if not _is_whole(shard_path(out, n), size)}
+    with tqdm(total=scenes, initial=scenes - sum(missing.values()), unit=" scenes",
               smoothing=0.05) as bar:
-        for _ in range(_LOST_POOLS):
-            done = _run_pool(out, {n: sizes[n] for n in sorted(missing - set(failed))}, workers,
-                             seed, recipe, failed, bar)
-            missing -= done
-            if missing <= set(failed):
+        run = _Run(out, seed, recipe, workers, missing, bar)
+        for _ in range(_MAX_POOLS):
+            _make_shards(run)
+            if set(run.sizes) <= set(run.failed):
                 break
-            _LOG.error("a worker was killed; %d shards begin again", len(missing))
-    if missing:
-        why = next(iter(failed.values()), "workers were killed too often")
-        raise SceneError(f"{len(missing)} of {len(sizes)} shards in {out} are missing: {why}")
+            _LOG.error("a worker was killed; %d shards begin again", len(run.sizes))
+    if run.sizes:
+        why = next(iter(run.failed.values()), "workers were killed too often")
+        raise SceneError(f"{len(run.sizes)} of {len(shards)} shards in {out} are missing: {why}")
 
 
-def _claim(out: Path, run: dict) -> None:
+def _claim_folder(out: Path, made_from: dict) -> None:
     """Notes what the folder's scenes are made from; refuses to mix them with others."""
-    path = out / RUN
-    if path.exists() and (there := _made_from(path)) != run:
-        raise SceneError(f"{out} holds scenes made from {there}; expected {run}")
-    path.write_text(json.dumps(run) + "\n")
+    path = out / RUN_FILE
+    if path.exists() and (stored := _read_run_file(path)) != made_from:
+        raise SceneError(f"{out} holds scenes made from {stored}; expected {made_from}")
+    path.write_text(json.dumps(made_from) + "\n")
 
 
-def _made_from(path: Path) -> dict:
-    """What the file that `_claim` wrote says."""
+def _read_run_file(path: Path) -> dict:
+    """The content of the file that `_claim_folder` wrote."""
     try:
-        there = json.loads(path.read_text())
+        stored = json.loads(path.read_text())
     except ValueError as error:  # no JSON, or no text at all
         raise SceneError(f"{path} is damaged: {error}; expected what simulate wrote there, e.g. "
                          '{"seed": 7, "plan": "mixed", "library": ""}') from error
-    if not isinstance(there, dict):
-        raise SceneError(f"{path} holds {there!r}; expected an object with seed, plan and library")
-    return there
+    if not isinstance(stored, dict):
+        raise SceneError(f"{path} holds {stored!r}; expected an object with seed, plan and "
+                         "library")
+    return stored
 
 
 def _digest(library: Path | None) -> str:
     return sha256(library.read_bytes()).hexdigest()[:16] if library else ""
 
 
-def _run_pool(out: Path, sizes: dict[int, int], workers: int, seed: int, recipe: Recipe,
-              failed: dict[int, str], bar: tqdm) -> set[int]:
-    """Numbers of the shards made until all are, or a worker is killed; `failed` gets reasons."""
-    done = set()
+def _make_shards(run: _Run) -> None:
+    """Makes shards until all are made or have failed, or a worker is killed; those made go from
+    `run.sizes`."""
+    remaining = {n: size for n, size in sorted(run.sizes.items()) if n not in run.failed}
     # Spawned: a forked one would inherit the threads of whatever was loaded before.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool, \
-            open(out / "simulate.log", "a", buffering=1) as log:
-        jobs: dict[Future, int] = {pool.submit(_make, out, n, size, seed, recipe): n
-                                   for n, size in sizes.items()}
+    with ProcessPoolExecutor(run.workers, mp_context=get_context("spawn")) as pool, \
+            open(run.out / LOG_FILE, "a", buffering=1) as log:
+        jobs: dict[Future, int] = {
+            pool.submit(_make_shard, run.out, n, size, run.seed, run.recipe): n
+            for n, size in remaining.items()}
         for job in as_completed(jobs):
             number = jobs[job]
             try:
                 log.write(json.dumps(job.result()) + "\n")
-                done.add(number)
-                bar.update(sizes[number])
+                run.bar.update(run.sizes.pop(number))
             except BrokenProcessPool:
                 continue
             except Exception as error:  # whatever it was, the rest of the run survives
                 _LOG.error("shard %d: %s: %s", number, type(error).__name__, error)
-                failed[number] = str(error)
-    return done
+                run.failed[number] = str(error)
 
 
-def _make(out: Path, number: int, size: int, seed: int, recipe: Recipe) -> dict:
-    """Makes one shard; a line for the log."""
-    begin, skipped = time.time(), Counter[str]()
+def _make_shard(out: Path, number: int, size: int, seed: int, recipe: Recipe) -> dict:
+    """Makes one shard and returns its line of the log."""
+    start, failed_tries = time.time(), Counter[str]()
     first = number * SCENES_PER_SHARD
-    scenes = [make_scene(seed, i, recipe, skipped) for i in range(first, first + size)]
-    write_shard(shard_path(out, number), scenes, skipped)
+    scenes = [make_scene(seed, i, recipe, failed_tries) for i in range(first, first + size)]
+    write_shard(shard_path(out, number), scenes, failed_tries)
     return {"shard": number, "scenes": size, "parts": sum(len(s.poses) for s in scenes),
-            "seconds": round(time.time() - begin, 1), "worker": os.getpid(),
-            "skipped": dict(skipped)}
+            "seconds": round(time.time() - start, 1), "worker": os.getpid(),
+            "skipped": dict(failed_tries)}
 
 
-def _is_there(path: Path, size: int) -> bool:
+def _is_whole(path: Path, size: int) -> bool:
+    """A shard is there that can be read and holds as many scenes."""
     if not path.exists():
         return False
     try:
