@@ -1,15 +1,16 @@
+# SPDX-License-Identifier: Apache-2.0
 """The nouns of the package as frozen dataclasses: SI units, optical camera frames, z-up world."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
-
-from stack_counter.container.wall_shapes import WallShape
+from typing_extensions import Self
 
 BACKGROUND, CONTAINER, PARTS = 0, 1, 2  # the values of a label image
 UNSEEN = 255  # pixels that a rectified label image has and the camera had not
@@ -166,6 +167,67 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
+class WallShape(ABC):
+    """The outer face of a container's wall as a smooth function of a few parameters.
+
+    Attributes:
+        params: (m,) float64; the subclass says what each is.
+    """
+
+    params: np.ndarray
+
+    @property
+    @abstractmethod
+    def kind(self) -> str:
+        """One of `CONTAINER_KINDS`."""
+
+    @property
+    @abstractmethod
+    def prior_std(self) -> np.ndarray:
+        """(m,) standard deviations of the parameters around a first guess."""
+
+    @property
+    @abstractmethod
+    def center(self) -> np.ndarray:
+        """(2,) metres, the wall's middle in the world."""
+
+    @property
+    @abstractmethod
+    def yaw(self) -> float:
+        """Angle from the world's x to the wall's own, rad."""
+
+    def with_params(self, params: np.ndarray) -> Self:
+        """The same kind of shape with other parameters (m,)."""
+        return replace(self, params=params)
+
+    @abstractmethod
+    def depth_inside(self, xy: np.ndarray, below: np.ndarray) -> np.ndarray:
+        """(n,) metres that (n, 2) world points lie inside the outer face, `below` ((n,) metres)
+        the rim; negative outside."""
+
+    @abstractmethod
+    def outward_normals(self, xy: np.ndarray) -> np.ndarray:
+        """(n, 2) horizontal unit normals of the wall nearest to (n, 2) world points."""
+
+    @abstractmethod
+    def ring(self, below: float, inwards: float) -> np.ndarray:
+        """(k, 2) counter-clockwise outline, world, metres.
+
+        Args:
+            below: depth below the rim, metres.
+            inwards: distance from the outer face, metres.
+        """
+
+    @abstractmethod
+    def offset_inwards(self, inwards: float) -> WallShape:
+        """The shape with its whole face moved inwards by so many metres."""
+
+    @abstractmethod
+    def in_own_frame(self) -> WallShape:
+        """The shape in the container's own frame: its middle at 0, its yaw 0."""
+
+
+@dataclass(frozen=True, eq=False)
 class Container:
     """What holds the parts.
 
@@ -179,7 +241,7 @@ class Container:
         rings: (k, n, 3) counter-clockwise outlines of the inner wall, container frame, metres,
             from the support plane (below the floor) to the rim; None for `none` and `hull`, and
             in a container that came by message.
-        form: outer face of the wall, container frame; None as for `rings`.
+        wall_shape: outer face of the wall, container frame; None as for `rings`.
     """
 
     kind: str
@@ -188,7 +250,7 @@ class Container:
     wall_thickness_m: float = 0.0
     floor_thickness_m: float = 0.0
     rings: np.ndarray | None = None
-    form: WallShape | None = None
+    wall_shape: WallShape | None = None
 
     @property
     def outer_size_m(self) -> tuple[float, float, float]:

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from stack_counter.config import ReconstructorConfig
-from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall, WallShape
+from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall
 from stack_counter.errors import ConfigError
 from stack_counter.files import config_path, edit_yaml_entry, parse_yaml, write_atomically
+from stack_counter.types import WallShape
 
 _NEW_CATALOGUE = """\
 # The container catalogue: what the setting `container` looks up.
@@ -55,15 +56,15 @@ class TaughtContainer:
     """A container as an empty-bin scan measured it.
 
     Attributes:
-        form: outer face of its wall in the container frame: x along a box's longer side, else
-            along the world's x when it was taught.
+        wall_shape: outer face of its wall in the container frame: x along a box's longer side,
+            else along the world's x when it was taught.
         wall_m: thickness of the wall, measured horizontally, metres.
         floor_m: thickness of the floor, metres.
         rim_m: height of the rim above the support plane, metres.
         taught: when it was measured, and from which recording.
     """
 
-    form: WallShape
+    wall_shape: WallShape
     wall_m: float
     floor_m: float
     rim_m: float
@@ -126,7 +127,7 @@ def save_container(name: str, container: TaughtContainer, path: Path) -> None:
     if path.exists():
         text = path.read_text(encoding="utf-8")
         _parse_containers(text, path)  # raises what is wrong with it before it is changed
-    keys = (*_FORM_KEYS[container.form.kind], *_SIZE_KEYS)
+    keys = (*_FORM_KEYS[container.wall_shape.kind], *_SIZE_KEYS)
     meanings = {"kind": "box, round or free", "taught": "when, from which recording",
                 **{key.name: key.meaning for key in keys}}
     text = edit_yaml_entry(text, "containers", name, _entry_of(container), meanings)
@@ -136,8 +137,8 @@ def save_container(name: str, container: TaughtContainer, path: Path) -> None:
 
 def as_line(name: str, container: TaughtContainer) -> str:
     """One line for people that describes a taught container."""
-    x, y = np.ptp(container.form.ring(0.0, container.wall_m), axis=0) * 1000
-    return (f"{name}: {container.form.kind}, {x:.0f} x {y:.0f} mm inside at the rim, "
+    x, y = np.ptp(container.wall_shape.ring(0.0, container.wall_m), axis=0) * 1000
+    return (f"{name}: {container.wall_shape.kind}, {x:.0f} x {y:.0f} mm inside at the rim, "
             f"{(container.rim_m - container.floor_m) * 1000:.0f} mm deep, wall "
             f"{container.wall_m * 1000:.1f} mm, floor {container.floor_m * 1000:.1f} mm "
             f"({container.taught})")
@@ -184,10 +185,10 @@ def _checked_numbers(entry: Mapping[str, Any], keys: Sequence[_Key]) -> np.ndarr
 
 def _entry_of(container: TaughtContainer) -> dict[str, Any]:
     """What the catalogue holds of a container, by key."""
-    keys = _FORM_KEYS[container.form.kind]
-    numbers = [*container.form.params[-sum(key.count for key in keys):], container.wall_m,
+    keys = _FORM_KEYS[container.wall_shape.kind]
+    numbers = [*container.wall_shape.params[-sum(key.count for key in keys):], container.wall_m,
                container.floor_m, container.rim_m]
-    entry: dict[str, Any] = {"kind": container.form.kind}
+    entry: dict[str, Any] = {"kind": container.wall_shape.kind}
     for key in (*keys, *_SIZE_KEYS):
         values = [float(f"{x:.7g}") for x in numbers[:key.count]]
         del numbers[:key.count]

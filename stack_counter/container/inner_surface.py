@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A container's inner surface: what an empty one shows from above, and what lies inside it."""
 
 from __future__ import annotations
@@ -6,7 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from stack_counter import geometry
-from stack_counter.fusion.tsdf import FusedSurface
+from stack_counter.fusion.surface import FusedSurface
 from stack_counter.types import Container, HeightMap, Mesh
 
 _ANGLES = 721  # of the table of radii
@@ -29,11 +30,11 @@ def opening_map(container: Container, pitch: float) -> tuple[HeightMap, float]:
     corner = (low + high - np.array([cols, rows]) * pitch) / 2
     T_world_map = container.T_world_container @ geometry.pose(np.eye(3), np.append(corner, 0))
     grid = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1)
-    inside = over(rim, corner + (grid + 0.5) * pitch)
+    inside = inside_outline(rim, corner + (grid + 0.5) * pitch)
     wall = FusedSurface(wall_mesh(container)).heights(T_world_map, pitch, (rows, cols)).heights
     floor = np.float32(container.floor_thickness_m)
     inner = np.where(inside, np.fmax(wall, floor), np.float32(np.nan))
-    return HeightMap(T_world_map, pitch, inner.astype(np.float32)), area(rim)
+    return HeightMap(T_world_map, pitch, inner.astype(np.float32)), outline_area(rim)
 
 
 def wall_mesh(container: Container) -> Mesh:
@@ -77,7 +78,7 @@ def _radius(ring: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return (a[side, 0] * along[:, 1] - a[side, 1] * along[:, 0]) / across
 
 
-def over(outline: np.ndarray, points: np.ndarray) -> np.ndarray:
+def inside_outline(outline: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(...) bool: the points (..., 2) lie inside a closed outline (n, 2)."""
     x, y = points[..., 0], points[..., 1]
     inside = np.zeros(x.shape, bool)
@@ -87,7 +88,7 @@ def over(outline: np.ndarray, points: np.ndarray) -> np.ndarray:
     return inside
 
 
-def area(outline: np.ndarray) -> float:
+def outline_area(outline: np.ndarray) -> float:
     """m2 inside a closed counter-clockwise outline (n, 2), metres."""
     (x, y), (u, w) = outline.T, np.roll(outline, -1, axis=0).T
     return float(np.sum(x * w - u * y)) / 2

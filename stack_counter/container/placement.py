@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds a taught container in a scan: only its pose is unknown."""
 
 from __future__ import annotations
@@ -5,127 +6,172 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from typing_extensions import override
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import TaughtContainer
-from stack_counter.container.detection import MIN_RIM, from_wall, rim_map
-from stack_counter.container.rim import rim_height, rim_points, rim_share
-from stack_counter.container.wall_fit import FacePoints, face_points, fit_outline, fit_wall
-from stack_counter.container.wall_shapes import WallShape, rotation_2d
+from stack_counter.container.construction import container_of_wall
+from stack_counter.container.detection import SETTINGS as DETECTION_SETTINGS
+from stack_counter.container.detection import rim_map
+from stack_counter.container.rim import point_std, rim_height, rim_points, rim_share
+from stack_counter.container.wall_fit import (
+    FacePoints,
+    Thickness,
+    face_points,
+    fit_outline,
+    fit_wall,
+)
+from stack_counter.container.wall_shapes import SETTINGS as SHAPE_SETTINGS
+from stack_counter.container.wall_shapes import rotation_2d
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region
-from stack_counter.fusion.tsdf import FusedSurface
-from stack_counter.types import Container, HeightMap, View
-
-_TURNS = 72  # of the outline that are tried against the rim
-_REFINED = 8  # of them, each better than its neighbours
-_ALIKE = 0.05  # share of the rim by which one of these must be worse to be out
-_FAR = 0.003  # from a face, where points show another thing, m
-_KNOWN = 1e-6  # standard deviation of a thickness that is known, m
+from stack_counter.fusion.surface import FusedSurface
+from stack_counter.types import Container, HeightMap, View, WallShape
 
 
 @dataclass(frozen=True)
-class PlacedWall:
-    """A form of fixed shape somewhere in the world; its parameters are x, y (m) and yaw (rad)."""
+class PlacementSettings:
+    """How the pose of a known wall is searched; all values are chosen.
 
-    form: WallShape
-    params: np.ndarray
+    Attributes:
+        yaws: number of yaws that are tried against the rim.
+        max_candidates: largest number of these, each better than its neighbours, that are fitted.
+        similar_share: share of the rim by which a fit may be worse than the best and stay.
+        max_distance: distance from a face, m, at which all points count alike: they show another
+            thing.
+        thickness_std: standard deviation of a thickness that is known, m.
+    """
+
+    yaws: int = 72
+    max_candidates: int = 8
+    similar_share: float = 0.05
+    max_distance: float = 0.003
+    thickness_std: float = 1e-6
+
+
+SETTINGS = PlacementSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedWall(WallShape):
+    """A fixed shape somewhere in the world.
+
+    Attributes:
+        params: (3,) x, y (m) and yaw (rad) of the shape's own frame.
+        shape: in its own frame.
+    """
+
+    shape: WallShape
 
     @property
+    @override
     def kind(self) -> str:
-        """See `WallForm`."""
-        return self.form.kind
+        return self.shape.kind
 
     @property
-    def params_std(self) -> np.ndarray:
-        """See `WallForm`."""
-        return np.array([0.003, 0.003, 0.02])
-
-    def with_params(self, params: np.ndarray) -> PlacedWall:
-        """See `WallForm`."""
-        return PlacedWall(self.form, params)
+    @override
+    def prior_std(self) -> np.ndarray:
+        return np.array([SHAPE_SETTINGS.place_std, SHAPE_SETTINGS.place_std,
+                         SHAPE_SETTINGS.yaw_std])
 
     @property
-    def pose(self) -> tuple[np.ndarray, float]:
-        """See `WallForm`."""
-        return self.params[:2], float(self.params[2])
+    @override
+    def center(self) -> np.ndarray:
+        return self.params[:2]
 
+    @property
+    @override
+    def yaw(self) -> float:
+        return float(self.params[2])
+
+    @override
     def depth_inside(self, xy: np.ndarray, below: np.ndarray) -> np.ndarray:
-        """See `WallForm`."""
-        return self.form.depth_inside(self._local(xy), below)
+        return self.shape.depth_inside(self._to_own_frame(xy), below)
 
-    def outward(self, xy: np.ndarray) -> np.ndarray:
-        """See `WallForm`."""
-        return self.form.outward(self._local(xy)) @ rotation_2d(self.params[2]).T
+    @override
+    def outward_normals(self, xy: np.ndarray) -> np.ndarray:
+        normals = self.shape.outward_normals(self._to_own_frame(xy))
+        return normals @ rotation_2d(self.params[2]).T
 
+    @override
     def ring(self, below: float, inwards: float) -> np.ndarray:
-        """See `WallForm`."""
-        return self.form.ring(below, inwards) @ rotation_2d(self.params[2]).T + self.params[:2]
+        return self.shape.ring(below, inwards) @ rotation_2d(self.params[2]).T + self.params[:2]
 
-    def moved(self, inwards: float) -> PlacedWall:
-        """See `WallForm`."""
-        return PlacedWall(self.form.moved(inwards), self.params)
+    @override
+    def offset_inwards(self, inwards: float) -> PlacedWall:
+        return PlacedWall(self.params, self.shape.offset_inwards(inwards))
 
-    def centred(self) -> WallShape:
-        """See `WallForm`."""
-        return self.form
+    @override
+    def in_own_frame(self) -> WallShape:
+        return self.shape
 
-    def _local(self, xy: np.ndarray) -> np.ndarray:
+    def _to_own_frame(self, xy: np.ndarray) -> np.ndarray:
+        """(n, 2) world points in the shape's own frame."""
         return (xy - self.params[:2]) @ rotation_2d(self.params[2])
 
 
-def place_container(taught: TaughtContainer, view: FusedSurface, views: list[View], region: Region,
-                    voxel_size: float, config: ReconstructorConfig) -> Container:
-    """The taught container where it stands in this scan.
+def place_container(taught: TaughtContainer, surface: FusedSurface, views: list[View],
+                    region: Region, voxel_size: float, config: ReconstructorConfig) -> Container:
+    """Finds where a taught container stands in this scan.
 
     Args:
-        taught: its form and sizes.
-        view: the fused surface.
-        views: that it was fused from.
+        taught: its shape and sizes.
+        surface: fused from the views.
+        views: with depth.
         region: where to look. The support plane is taken to lie where the rim's height says, as
             that is how the floor below the stack stands to the surface above it.
         voxel_size: metres.
-        config: says where the pose comes from.
+        config: `container_pose`, and with it `container_xyyaw`; `container` names it in errors.
 
     Raises:
         ScanError: no rim of that outline at that height.
     """
-    top = rim_map(view, region, voxel_size)
-    given = config.container_pose == "given"
-    forms = [PlacedWall(taught.form, np.array(config.container_xyyaw))] if given \
-        else _on_rim(taught, top, region.lowest, config.container)
-    higher = rim_height(top, forms[0], taught.wall_m, taught.rim_m) - taught.rim_m
-    region = replace(region, plane_z=region.plane_z + higher)
-    form = forms[0]
-    if not given:
-        points = face_points(views, region, form, taught.rim_m)
-        form = min(forms, key=lambda f: _miss(f, points, taught.wall_m))
-        fitted = fit_wall(form, points, taught.rim_m, taught.wall_m, _KNOWN, region.noise).form
-        form = form.with_params(fitted.params)
-    return from_wall(form, taught.wall_m, taught.rim_m, taught.floor_m, region.plane_z)
+    # Candidate poses: configured, or where the outline meets the rim.
+    top = rim_map(surface, region, voxel_size)
+    configured = config.container_pose == "given"
+    candidates = [PlacedWall(np.array(config.container_xyyaw), taught.wall_shape)] if configured \
+        else _fit_to_rim(taught, top, region.lowest, config.container)
+    # Height of the support plane by that of the rim.
+    rim_m = rim_height(top, candidates[0], taught.wall_m, taught.rim_m)
+    region = replace(region, plane_z=region.plane_z + (rim_m - taught.rim_m))
+    wall = candidates[0]
+    if not configured:
+        # The candidate that the walls agree with, fitted to them.
+        points = face_points(views, region, wall, taught.rim_m)
+        wall = min(candidates, key=lambda w: _face_distance(w, points, taught.wall_m))
+        thickness = Thickness(taught.wall_m, SETTINGS.thickness_std)
+        fitted = fit_wall(wall, points, taught.rim_m, thickness, region.noise)
+        wall = wall.with_params(fitted.shape.params)
+    return container_of_wall(wall, taught.wall_m, taught.rim_m, taught.floor_m, region.plane_z)
 
 
-def _on_rim(taught: TaughtContainer, top: HeightMap, lowest: float, name: str) -> list[PlacedWall]:
-    """The form in all the ways in which its outline meets the rim; an outline with symmetries
-    does in several."""
-    points, middle, _ = rim_points(top, lowest, taught.rim_m)
-    level, scale = np.zeros(len(points)), max(top.pitch, 0.0015) / 2
-    turns = [PlacedWall(taught.form, np.append(middle, yaw))
-             for yaw in 2 * np.pi * np.arange(_TURNS) / _TURNS]
+def _fit_to_rim(taught: TaughtContainer, top: HeightMap, lowest: float, name: str
+                ) -> list[PlacedWall]:
+    """The wall in all the poses in which its outline meets the rim; an outline with symmetries
+    has several."""
+    s = SETTINGS
+    # Try all yaws about the rim's middle.
+    points = rim_points(top, lowest, taught.rim_m)
+    level, scale = np.zeros(len(points.xy)), point_std(top.pitch)
+    turned = [PlacedWall(np.append(points.center, yaw), taught.wall_shape)
+              for yaw in 2 * np.pi * np.arange(s.yaws) / s.yaws]
     # The logarithm: what hangs over the rim is far off.
-    miss = np.array([np.log1p(np.abs(form.depth_inside(points, level)) / scale).sum()
-                     for form in turns])
-    best = np.nonzero((miss <= np.roll(miss, 1)) & (miss <= np.roll(miss, -1)))[0]
-    chosen = best[np.argsort(miss[best], kind="stable")[:_REFINED]]
-    forms = [turns[i].with_params(fit_outline(turns[i], points, scale).params) for i in chosen]
-    shares = [rim_share(form, points, top.pitch) for form in forms]
-    if max(shares) < MIN_RIM:
+    error = np.array([np.log1p(np.abs(wall.depth_inside(points.xy, level)) / scale).sum()
+                      for wall in turned])
+    # Fit the best of those that are better than their neighbours.
+    best = np.nonzero((error <= np.roll(error, 1)) & (error <= np.roll(error, -1)))[0]
+    chosen = best[np.argsort(error[best], kind="stable")[:s.max_candidates]]
+    walls = [fit_outline(turned[i], points.xy, scale) for i in chosen]
+    # Keep those that explain the rim about as well as the best.
+    shares = [rim_share(wall, points.xy, top.pitch) for wall in walls]
+    if max(shares) < DETECTION_SETTINGS.min_rim:
         raise ScanError(f"container '{name}' not found: a rim {taught.rim_m:.3f} m high on "
-                        f"{max(shares):.0%} of its outline; expected {MIN_RIM:.0%}")
-    return [form for form, share in zip(forms, shares) if share > max(shares) - _ALIKE]
+                        f"{max(shares):.0%} of its outline; expected "
+                        f"{DETECTION_SETTINGS.min_rim:.0%}")
+    return [wall for wall, share in zip(walls, shares) if share > max(shares) - s.similar_share]
 
 
-def _miss(form: PlacedWall, points: FacePoints, wall: float) -> float:
+def _face_distance(wall: PlacedWall, points: FacePoints, thickness: float) -> float:
     """Mean distance of points from the face they were seen on, metres; robust."""
-    away = form.depth_inside(points.xy, points.below) - wall * points.inner
-    return float(np.minimum(np.abs(away), _FAR).mean())
+    distance = wall.depth_inside(points.xy, points.below) - thickness * points.inner
+    return float(np.minimum(np.abs(distance), SETTINGS.max_distance).mean())

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fits a container's wall to the faces that cameras see: the outer one and the inner one.
 
 A camera that looks into a bin from the side sees the near wall from outside and the far wall from
@@ -8,176 +9,258 @@ noise of a point and knows nothing of how edges look in a depth image.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from stack_counter import geometry
-from stack_counter.container.wall_shapes import WallShape
 from stack_counter.fusion.region import Region
-from stack_counter.types import View
+from stack_counter.types import View, WallShape
 
-_MOST_VIEWS = 24  # looked at, evenly spread over the scan
-_MOST_POINTS = 60_000  # in the fit, evenly chosen
-_EDGE = 0.003  # next to the rim, where points are neither face, m
-_REACH = 0.0025  # of a face on both sides of where it is thought to be, m
-_FOOT = 0.002  # above the support plane, m
-_SECTORS, _SLABS = 72, 12  # cells of the wall, around and down; each gives one median point
-_FEWEST = 4  # points of a cell that shows the wall
-_CELL_ERROR = 0.001  # standard deviation of a cell's median, m
-# Containers stand: below what is seen, a wall does not close to a foot narrower than this share
-# of the rim, give or take.
-_FOOT_SHARE, _FOOT_STD = 0.35, 0.02
-_FIT_STEPS = 60  # of a form's fit; one that needs more does not fit
-_ROUNDS = (0.15, 0.3, 0.5, 0.75, 1.0, 1.0)  # share of the height that is fitted
+Shape = TypeVar("Shape", bound=WallShape)
 
 
 @dataclass(frozen=True)
+class WallFitSettings:
+    """Which points count as a wall's, and how its fit runs; all values are chosen.
+
+    Attributes:
+        max_views: largest number of views used, evenly spread over the scan.
+        max_points: largest number of points in the fit, evenly chosen.
+        edge: strip below the rim whose points are of neither face, m.
+        reach: distance from where a face is expected within which points may be its, m.
+        noise_reach: the same in standard deviations of a depth point.
+        foot: height above the support plane below which points are not used, m.
+        sectors: cells of the wall around the container; each cell gives one median point.
+        slabs: cells of the wall from the rim down.
+        min_cell_points: least number of points of a cell that shows the wall.
+        max_cell_spread: largest quartile distance of such a cell's points, over the reach.
+        cell_std: standard deviation of a cell's median, m.
+        min_foot_share: least width of the foot, over that of the rim: containers stand, so below
+            what is seen a wall does not close to a point.
+        foot_share_std: standard deviation of that bound.
+        outline_steps: largest number of steps of an outline's fit; one that needs more does not
+            fit.
+        outline_prior_weight: weight of an outline's first guess, over that of one standard
+            deviation; only for parameters that the rim does not determine, e.g. the draft.
+        depth_shares: shares of the height that are fitted, one for each round.
+    """
+
+    max_views: int = 24
+    max_points: int = 60_000
+    edge: float = 0.003
+    reach: float = 0.0025
+    noise_reach: float = 1.5
+    foot: float = 0.002
+    sectors: int = 72
+    slabs: int = 12
+    min_cell_points: int = 4
+    max_cell_spread: float = 0.8
+    cell_std: float = 0.001
+    min_foot_share: float = 0.35
+    foot_share_std: float = 0.02
+    outline_steps: int = 60
+    outline_prior_weight: float = 0.01
+    depth_shares: tuple[float, ...] = (0.15, 0.3, 0.5, 0.75, 1.0, 1.0)
+
+
+SETTINGS = WallFitSettings()
+_MAD_TO_STD = 1.4826
+
+
+@dataclass(frozen=True, eq=False)
 class FacePoints:
-    """Points that may lie on a wall: (n, 2) world metres, (n,) metres below the rim, and
-    (n,) bool: seen from inside (else from outside)."""
+    """Points that may lie on a wall.
+
+    Attributes:
+        xy: (n, 2) metres, world.
+        below: (n,) metres below the rim.
+        inner: (n,) bool: seen from inside, else from outside.
+    """
 
     xy: np.ndarray
     below: np.ndarray
     inner: np.ndarray
 
-    def chosen(self, which: np.ndarray) -> FacePoints:
-        """Those of a mask or of indices."""
-        return FacePoints(self.xy[which], self.below[which], self.inner[which])
+    def select(self, chosen: np.ndarray) -> FacePoints:
+        """The points of a mask or of indices."""
+        return FacePoints(self.xy[chosen], self.below[chosen], self.inner[chosen])
 
 
 @dataclass(frozen=True)
-class Wall:
+class Thickness:
+    """Thickness of a wall and its standard deviation, metres, measured horizontally."""
+
+    mean: float
+    std: float
+
+
+@dataclass(frozen=True, eq=False)
+class FittedWall:
     """A fitted wall.
 
     Attributes:
-        form: its outer face.
-        thickness: horizontal, metres.
-        outer_share, inner_share: of 36 sectors around it, that showed the outer (inner) face.
+        shape: its outer face.
+        thickness: metres, measured horizontally.
+        outer_share: share of the sectors around it that showed the outer face.
+        inner_share: share of the sectors around it that showed the inner face.
         spread: robust standard deviation of the points around it, metres.
     """
 
-    form: WallShape
+    shape: WallShape
     thickness: float
     outer_share: float = 0.0
     inner_share: float = 0.0
     spread: float = 0.0
 
+    @property
+    def best_face_share(self) -> float:
+        """Share of the sectors that showed the face which more of them showed."""
+        return max(self.outer_share, self.inner_share)
 
-def face_points(views: list[View], region: Region, form: WallShape, height: float) -> FacePoints:
+
+def face_points(views: list[View], region: Region, shape: WallShape, height: float) -> FacePoints:
     """The points that the views saw on the near wall from outside or beyond it from inside.
 
     Args:
         views: with depth.
         region: where the container stands.
-        form: first guess of the outer face.
+        shape: first guess of the outer face.
         height: of the rim above the support plane, metres.
     """
-    found = []
-    chosen = np.unique(np.linspace(0, len(views) - 1, _MOST_VIEWS).round().astype(int))
-    for view in (views[i] for i in chosen):
-        points = geometry.world_points(view).reshape(-1, 3)
-        z = points[:, 2] - region.plane_z
-        points = points[region.contains(points) & (z > _FOOT) & (z < height - _EDGE)]
-        below = height - (points[:, 2] - region.plane_z)
-        ray = points - view.T_world_camera[:3, 3].astype(np.float32)
-        outwards = np.sum(ray[:, :2] * form.outward(points[:, :2]), axis=1)
-        inside = form.depth_inside(points[:, :2], np.zeros(len(points)))
-        # How far below the rim the ray was where it crossed the rim's outline.
-        crossed = below + np.maximum(inside, 0) / np.maximum(np.abs(outwards), 1e-6) * ray[:, 2]
-        outer = (outwards < 0) & (crossed > _EDGE)
-        inner = (outwards > 0) & (inside > -_REACH)
-        keep = outer | inner
-        found.append(FacePoints(points[keep, :2].astype(float), below[keep].astype(float),
-                                inner[keep]))
+    s = SETTINGS
+    chosen = np.unique(np.linspace(0, len(views) - 1, s.max_views).round().astype(int))
+    found = [_face_points_of(views[i], region, shape, height) for i in chosen]
     every = FacePoints(*(np.concatenate([getattr(f, name) for f in found])
                          for name in ("xy", "below", "inner")))
-    return every.chosen(np.arange(0, len(every.inner), len(every.inner) // _MOST_POINTS + 1))
+    return every.select(np.arange(0, len(every.inner), len(every.inner) // s.max_points + 1))
 
 
-def fit_outline(form: WallShape, xy: np.ndarray, scale: float) -> WallShape:
-    """The form whose rim runs through (n, 2) world points; few of them may be far off."""
-    level = np.zeros(len(xy))
+def _face_points_of(view: View, region: Region, shape: WallShape, height: float) -> FacePoints:
+    """The `face_points` of one view."""
+    s = SETTINGS
+    # Crop to the region between foot and rim.
+    points = geometry.world_points(view).reshape(-1, 3)
+    z = points[:, 2] - region.plane_z
+    points = points[region.contains(points) & (z > s.foot) & (z < height - s.edge)]
+    below = height - (points[:, 2] - region.plane_z)
+    # Direction of each ray towards the wall's outside, and how far inside the rim it ends.
+    ray = points - view.T_world_camera[:3, 3].astype(np.float32)
+    outwards = np.sum(ray[:, :2] * shape.outward_normals(points[:, :2]), axis=1)
+    inside = shape.depth_inside(points[:, :2], np.zeros(len(points)))
+    # How far below the rim the ray was where it crossed the rim's outline.
+    crossed = below + np.maximum(inside, 0) / np.maximum(np.abs(outwards), 1e-6) * ray[:, 2]
+    # Split into the two faces.
+    outer = (outwards < 0) & (crossed > s.edge)
+    inner = (outwards > 0) & (inside > -s.reach)
+    kept = outer | inner
+    return FacePoints(points[kept, :2].astype(float), below[kept].astype(float), inner[kept])
 
-    def misses(params: np.ndarray) -> np.ndarray:
-        # What the rim says nothing about, e.g. the draft, stays as it was.
-        return np.append(form.with_params(params).depth_inside(xy, level) / scale,
-                         0.01 * (params - form.params) / form.params_std)
-    return form.with_params(least_squares(misses, form.params, loss="soft_l1",
-                                          x_scale=form.params_std, max_nfev=_FIT_STEPS).x)
 
-
-def fit_wall(form: WallShape, points: FacePoints, height: float, thickness: float,
-             thickness_std: float, noise: float) -> Wall:
-    """Outer face and thickness at once, from the rim downwards, by robust least squares.
+def fit_outline(shape: Shape, xy: np.ndarray, scale: float) -> Shape:
+    """Fits a shape whose rim runs through points, few of which may be far off.
 
     Args:
-        form: first guess.
+        shape: first guess.
+        xy: (n, 2) points of the rim, world, metres.
+        scale: their standard deviation, metres.
+    """
+    s, level = SETTINGS, np.zeros(len(xy))
+
+    def residuals(params: np.ndarray) -> np.ndarray:
+        # What the rim does not determine, e.g. the draft, stays as it was.
+        return np.append(shape.with_params(params).depth_inside(xy, level) / scale,
+                         s.outline_prior_weight * (params - shape.params) / shape.prior_std)
+    return shape.with_params(least_squares(
+        residuals, shape.params, loss="soft_l1", x_scale=shape.prior_std,
+        max_nfev=s.outline_steps).x)
+
+
+def fit_wall(shape: WallShape, points: FacePoints, height: float, thickness: Thickness,
+             noise: float) -> FittedWall:
+    """Fits outer face and thickness at once, from the rim downwards, by robust least squares.
+
+    Args:
+        shape: first guess.
         points: of both faces, with others among them.
         height: of the rim above the support plane, metres.
-        thickness, thickness_std: what is known of it beforehand, metres.
-        noise: of a depth point, metres.
+        thickness: known before the fit.
+        noise: standard deviation of a depth point, metres.
     """
-    wall = Wall(form, thickness)
-    cell = _cells(form, points, height)
-    reach = max(_REACH, 1.5 * noise)
-    for share in _ROUNDS:
-        middle = _cell_medians(wall, points, cell, reach, points.below < share * height)
-        wall = _refined(wall, points.chosen(middle), form, (thickness, thickness_std), height)
-    middle = _cell_medians(wall, points, cell, reach, np.ones(len(points.below), bool))
-    seen = points.chosen(middle)
-    miss = np.abs(_residuals(wall, seen))
-    sector = cell[middle] // (2 * _SLABS)
-    shares = [len(np.unique(sector[face])) / _SECTORS for face in (~seen.inner, seen.inner)]
-    return replace(wall, outer_share=shares[0], inner_share=shares[1],
-                   spread=1.4826 * float(np.median(miss)) if len(miss) else np.inf)
+    s = SETTINGS
+    wall = FittedWall(shape, thickness.mean)
+    cell = _cell_indices(shape, points, height)
+    reach = max(s.reach, s.noise_reach * noise)
+    # Fit a growing part of the wall, from the rim down.
+    for share in s.depth_shares:
+        chosen = _cell_medians(wall, points, cell, reach, points.below < share * height)
+        wall = _refine(wall, points.select(chosen), shape, thickness, height)
+    # Which sectors showed which face, and how well they agree.
+    chosen = _cell_medians(wall, points, cell, reach, np.ones(len(points.below), bool))
+    medians = points.select(chosen)
+    distances = np.abs(_residuals(wall, medians))
+    sector = cell[chosen] // (2 * s.slabs)
+    shares = [len(np.unique(sector[face])) / s.sectors for face in (~medians.inner,
+                                                                    medians.inner)]
+    return replace(
+        wall, outer_share=shares[0], inner_share=shares[1],
+        spread=_MAD_TO_STD * float(np.median(distances)) if len(distances) else np.inf)
 
 
-def _cells(form: WallShape, points: FacePoints, height: float) -> np.ndarray:
-    """(n,) which cell of the wall a point lies in: sector, face and slab."""
-    away = points.xy - form.pose[0]
+def _cell_indices(shape: WallShape, points: FacePoints, height: float) -> np.ndarray:
+    """(n,) index of the cell of the wall that each point lies in: sector, face and slab."""
+    s = SETTINGS
+    away = points.xy - shape.center
     turn = np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) % 1
-    sector = np.minimum((turn * _SECTORS).astype(int), _SECTORS - 1)
-    slab = np.clip((points.below / height * _SLABS).astype(int), 0, _SLABS - 1)
-    return (sector * 2 + points.inner) * _SLABS + slab
+    sector = np.minimum((turn * s.sectors).astype(int), s.sectors - 1)
+    slab = np.clip((points.below / height * s.slabs).astype(int), 0, s.slabs - 1)
+    return (sector * 2 + points.inner) * s.slabs + slab
 
 
-def _cell_medians(
-    wall: Wall, points: FacePoints, cell: np.ndarray, reach: float, allowed: np.ndarray
-) -> np.ndarray:
+def _cell_medians(wall: FittedWall, points: FacePoints, cell: np.ndarray, reach: float,
+                  allowed: np.ndarray) -> np.ndarray:
     """Indices of the median point of every cell that shows the wall.
 
     Parts hide the inner face from some depth on: of a sector only the cells down to the first
     that does not show it count.
     """
-    miss = _residuals(wall, points)
-    near = np.nonzero(allowed & (np.abs(miss) < reach))[0]
-    order = near[np.lexsort((miss[near], cell[near]))]
-    names, first, count = np.unique(cell[order], return_index=True, return_counts=True)
-    middle = order[first + count // 2]
-    spread = miss[order[first + 3 * count // 4]] - miss[order[first + count // 4]]
-    shows = np.zeros(_SECTORS * 2 * _SLABS, bool)
-    shows[names] = (count >= _FEWEST) & (spread < 0.8 * reach)
-    faces = shows.reshape(_SECTORS, 2, _SLABS)
+    s = SETTINGS
+    # Sort the points near the wall by cell and distance; the middle of each run is its median.
+    distance = _residuals(wall, points)
+    near = np.nonzero(allowed & (np.abs(distance) < reach))[0]
+    order = near[np.lexsort((distance[near], cell[near]))]
+    cells, first, count = np.unique(cell[order], return_index=True, return_counts=True)
+    median = order[first + count // 2]
+    # Cells with enough points that lie close together.
+    spread = distance[order[first + 3 * count // 4]] - distance[order[first + count // 4]]
+    shows = np.zeros(s.sectors * 2 * s.slabs, bool)
+    shows[cells] = (count >= s.min_cell_points) & (spread < s.max_cell_spread * reach)
+    # On the inner face, cut each sector at the first gap.
+    faces = shows.reshape(s.sectors, 2, s.slabs)
     top = faces[:, 1].argmax(axis=1)[:, None]  # noise may hide the first cells below the rim
-    broken = ~faces[:, 1] & (np.arange(_SLABS) > top)
+    broken = ~faces[:, 1] & (np.arange(s.slabs) > top)
     faces[:, 1] &= ~np.logical_or.accumulate(broken, axis=1)
-    return middle[faces.ravel()[names]]
+    return median[faces.ravel()[cells]]
 
 
-def _refined(wall: Wall, points: FacePoints, first: WallShape, prior: tuple[float, float],
-             height: float) -> Wall:
-    std = np.append(first.params_std, prior[1])
-    expected = np.append(first.params, prior[0])
+def _refine(wall: FittedWall, points: FacePoints, first: WallShape, thickness: Thickness,
+            height: float) -> FittedWall:
+    """The wall after one more least-squares fit to points, `first` and `thickness` being what is
+    expected of it."""
+    s = SETTINGS
+    std = np.append(first.prior_std, thickness.std)
+    expected = np.append(first.params, thickness.mean)
 
-    def misses(params: np.ndarray) -> np.ndarray:
-        moved = Wall(first.with_params(params[:-1]), params[-1])
-        foot = np.ptp(moved.form.ring(height, 0.0)[:, 0]) / np.ptp(moved.form.ring(0.0, 0.0)[:, 0])
-        return np.concatenate([_soft_l1(_residuals(moved, points) / _CELL_ERROR),
+    def residuals(params: np.ndarray) -> np.ndarray:
+        moved = FittedWall(first.with_params(params[:-1]), params[-1])
+        foot_share = np.ptp(moved.shape.ring(height, 0.0)[:, 0]) \
+            / np.ptp(moved.shape.ring(0.0, 0.0)[:, 0])
+        return np.concatenate([_soft_l1(_residuals(moved, points) / s.cell_std),
                                (params - expected) / std,
-                               [min(foot - _FOOT_SHARE, 0.0) / _FOOT_STD]])
-    best = least_squares(misses, np.append(wall.form.params, wall.thickness), x_scale=std).x
-    return Wall(first.with_params(best[:-1]), max(float(best[-1]), 0.0))
+                               [min(foot_share - s.min_foot_share, 0.0) / s.foot_share_std]])
+    best = least_squares(residuals, np.append(wall.shape.params, wall.thickness), x_scale=std).x
+    return FittedWall(first.with_params(best[:-1]), max(float(best[-1]), 0.0))
 
 
 def _soft_l1(errors: np.ndarray) -> np.ndarray:
@@ -185,6 +268,6 @@ def _soft_l1(errors: np.ndarray) -> np.ndarray:
     return np.sign(errors) * np.sqrt(2 * (np.sqrt(1 + errors**2) - 1))
 
 
-def _residuals(wall: Wall, points: FacePoints) -> np.ndarray:
+def _residuals(wall: FittedWall, points: FacePoints) -> np.ndarray:
     """(n,) metres that points lie inside the face they were seen on."""
-    return wall.form.depth_inside(points.xy, points.below) - wall.thickness * points.inner
+    return wall.shape.depth_inside(points.xy, points.below) - wall.thickness * points.inner

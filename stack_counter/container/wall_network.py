@@ -1,63 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
 """Psi: the thickness of a container's wall as a share of its width, from crops of its views.
 
+The network reads a crop of a view's depth around the container: every pixel tells where its point
+lies to the outer face, in shares of the container's width. It is asked where geometry cannot
+measure the wall: where parts hide the rim's inner edge.
+
 Source: paper, section 3.3: dilated convolutions, a ratio of the container's size, averaged over
-the views. It speaks where geometry cannot measure the wall: where parts hide the rim's inner edge.
+the views; there Psi reads features of the whole picture.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from pathlib import Path
 
+import cv2
 import numpy as np
 import torch
-from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
-from stack_counter.container.wall_input import CHANNELS, outer_width, wall_crop
-from stack_counter.container.wall_shapes import WallShape
+from stack_counter import geometry
+from stack_counter.container.inner_surface import outline_area
+from stack_counter.container.wall_fit import Thickness
 from stack_counter.errors import ViewError, WeightsError
-from stack_counter.types import View
+from stack_counter.files import read_weights, shipped_weights
+from stack_counter.types import View, WallShape
 
 SHIPPED = "wall.safetensors"
 FORMAT = "stack_counter wall 1"
-_WIDTH = 32
-_DILATIONS = (1, 2, 4, 8)
-_MOST_VIEWS = 6  # looked at, evenly spread over the scan
+SIDE = 128
+CHANNELS = 3  # height over the rim, depth inside the outer face, validity
+
+
+@dataclass(frozen=True)
+class WallCropSettings:
+    """What a crop shows; all values are chosen, and weights are trained for them.
+
+    Attributes:
+        margin: part of the container's span that the crop adds on each side.
+        reach: heights over the rim and depths inside the face, over the container's width, at
+            which they are cut off.
+        min_depth_share: least part of the crop that has depth.
+        min_span: least number of pixels that the container spans.
+        max_views: largest number of views used, evenly spread over the scan.
+    """
+
+    margin: float = 0.08
+    reach: float = 0.3
+    min_depth_share: float = 0.2
+    min_span: int = 24
+    max_views: int = 6
+
+
+@dataclass(frozen=True)
+class WallNetSettings:
+    """Sizes of the network; chosen, and fixed by the format of its weights.
+
+    Attributes:
+        width: channels of each layer.
+        dilations: one layer of 3 x 3 convolutions for each.
+        hidden: units of the layer before the output.
+        dropout: share of these that training leaves out.
+        first_log_ratio: added to the first output, so that training starts near the walls of
+            common containers.
+        log_scale_limit: the second output is clipped to plus and minus this, then lowered by 1.
+    """
+
+    width: int = 32
+    dilations: tuple[int, ...] = (1, 2, 4, 8)
+    hidden: int = 64
+    dropout: float = 0.1
+    first_log_ratio: float = -3.5
+    log_scale_limit: float = 3.0
+
+
+CROP_SETTINGS = WallCropSettings()
+NET_SETTINGS = WallNetSettings()
 
 
 class WallNet(nn.Module):
     """(b, CHANNELS, SIDE, SIDE) -> log of thickness over width, log of the scale of its error."""
 
     def __init__(self) -> None:
+        """Makes a network with random weights."""
         super().__init__()
-        layers: list[nn.Module] = [nn.Conv2d(CHANNELS, _WIDTH, 4, 2, 1, bias=False),
-                                   nn.BatchNorm2d(_WIDTH), nn.ReLU()]
-        for dilation in _DILATIONS:
-            layers += [nn.Conv2d(_WIDTH, _WIDTH, 3, 1, dilation, dilation, bias=False),
-                       nn.BatchNorm2d(_WIDTH), nn.ReLU()]
+        s = NET_SETTINGS
+        layers: list[nn.Module] = [nn.Conv2d(CHANNELS, s.width, 4, 2, 1, bias=False),
+                                   nn.BatchNorm2d(s.width), nn.ReLU()]
+        for dilation in s.dilations:
+            layers += [nn.Conv2d(s.width, s.width, 3, 1, dilation, dilation, bias=False),
+                       nn.BatchNorm2d(s.width), nn.ReLU()]
         self.encoder = nn.Sequential(*layers)
-        self.head = nn.Sequential(nn.Linear(2 * _WIDTH, 64), nn.ReLU(), nn.Dropout(0.1),
-                                  nn.Linear(64, 2))
+        self.head = nn.Sequential(nn.Linear(2 * s.width, s.hidden), nn.ReLU(),
+                                  nn.Dropout(s.dropout), nn.Linear(s.hidden, 2))
 
     def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """(b, CHANNELS, h, w) float32 -> (b,), (b,)."""
+        """(b, CHANNELS, h, w) float32 -> (b,) log of thickness over width, (b,) log of scale."""
+        s = NET_SETTINGS
         features = self.encoder(x).float()  # (b, c, h / 2, w / 2)
-        pooled = torch.cat([features.mean((2, 3)), features.amax((2, 3))], 1)
-        out = self.head(pooled).float()
-        return out[:, 0] - 3.5, out[:, 1].clamp(-3, 3) - 1
+        pooled = torch.cat([features.mean((2, 3)), features.amax((2, 3))], 1)  # (b, 2 c)
+        out = self.head(pooled).float()  # (b, 2)
+        log_scale = out[:, 1].clamp(-s.log_scale_limit, s.log_scale_limit) - 1
+        return out[:, 0] + s.first_log_ratio, log_scale
 
     def loss(self, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
-        """Laplace's negative log likelihood; `y`: (b,) log of thickness over width."""
-        mean, scale = self(x)
-        return (torch.abs(y - mean) * torch.exp(-scale) + scale).mean()
+        """Laplace's negative log likelihood of crops `x`; `y`: (b,) log of thickness over
+        width."""
+        mean, log_scale = self(x)
+        return (torch.abs(y - mean) * torch.exp(-log_scale) + log_scale).mean()
 
 
 def save_wall_net(path: Path, net: WallNet, facts: dict[str, str]) -> None:
-    """Writes what `load_wall_net` reads."""
+    """Writes weights as float16 for `load_wall_net`; `facts` become metadata of the file."""
     tensors = {name: value.half() for name, value in net.state_dict().items()
                if not name.endswith("num_batches_tracked")}
     save_file(tensors, path, metadata={"format": FORMAT, **facts})
@@ -65,22 +122,14 @@ def save_wall_net(path: Path, net: WallNet, facts: dict[str, str]) -> None:
 
 @cache
 def load_wall_net(path: Path | None = None) -> WallNet:
-    """The network in evaluation mode; None is the file shipped with the package.
+    """Reads the network in evaluation mode; None is the file shipped with the package.
 
     Raises:
-        WeightsError: missing, not safetensors, of another format or not whole.
+        WeightsError: the file is missing, not safetensors, of another format or not whole.
     """
-    path = path or Path(str(resources.files("stack_counter") / "weights" / SHIPPED))
-    if not path.is_file():
-        raise WeightsError(f"no weights file {path}; expected a safetensors file")
-    try:
-        with safe_open(path, framework="pt") as file:
-            kind = (file.metadata() or {}).get("format")
-            tensors = {name: file.get_tensor(name).float() for name in file.keys()}
-    except (SafetensorError, OSError) as error:
-        raise WeightsError(f"{path} is not a whole safetensors file: {error}") from error
-    if kind != FORMAT:
-        raise WeightsError(f"{path} is '{kind}'; expected '{FORMAT}'")
+    path = path or shipped_weights(SHIPPED)
+    tensors = {name: torch.from_numpy(values).float()
+               for name, values in read_weights(path, FORMAT).tensors.items()}
     net = WallNet()
     try:
         net.load_state_dict(tensors, strict=False)
@@ -90,26 +139,89 @@ def load_wall_net(path: Path | None = None) -> WallNet:
     return net.eval()
 
 
-def estimate_wall(views: Sequence[View], form: WallShape, height: float, plane_z: float,
-                  net: WallNet | None = None) -> tuple[float, float] | None:
-    """Thickness and its standard deviation, metres; None where no view shows the container.
+def estimate_thickness(views: Sequence[View], shape: WallShape, height: float, plane_z: float,
+                       net: WallNet | None = None) -> Thickness | None:
+    """Estimates a wall's thickness; None where no view shows the container.
 
     Args:
         views: with depth.
-        form: outer face of the wall, world frame.
-        height: of the rim over the support plane at `plane_z`, metres.
+        shape: outer face of the wall, world frame.
+        height: of the rim over the support plane, metres.
+        plane_z: world height of the support plane, metres.
         net: None is the shipped one.
     """
-    chosen = np.unique(np.linspace(0, len(views) - 1, _MOST_VIEWS).round().astype(int))
+    # Crop the views around the container.
+    chosen = np.unique(np.linspace(0, len(views) - 1, CROP_SETTINGS.max_views).round().astype(int))
     crops = []
     for i in chosen:
         try:
-            crops.append(wall_crop(views[i], form, height, plane_z))
+            crops.append(wall_crop(views[i], shape, height, plane_z))
         except ViewError:
             continue  # another view shows it
     if not crops:
         return None
+    # Average the network's answers; the standard deviation of Laplace's is sqrt(2) scales.
     with torch.inference_mode():
-        mean, scale = (net or load_wall_net())(torch.from_numpy(np.stack(crops)))
-    thickness = float(torch.exp(mean).mean()) * outer_width(form)
-    return thickness, float(np.sqrt(2) * torch.exp(scale).mean()) * thickness
+        mean, log_scale = (net or load_wall_net())(torch.from_numpy(np.stack(crops)))
+    thickness = float(torch.exp(mean).mean()) * outer_width(shape)
+    return Thickness(thickness, float(np.sqrt(2) * torch.exp(log_scale).mean()) * thickness)
+
+
+def outer_width(shape: WallShape) -> float:
+    """Square root of the area within the rim's outer outline, metres: the width that a thickness
+    is a share of."""
+    return float(np.sqrt(outline_area(shape.ring(0.0, 0.0))))
+
+
+def wall_crop(view: View, shape: WallShape, height: float, plane_z: float) -> np.ndarray:
+    """Makes the network's input: (CHANNELS, SIDE, SIDE) float32.
+
+    Args:
+        view: with depth.
+        shape: outer face of the wall, world frame.
+        height: of the rim over the support plane, metres.
+        plane_z: world height of the support plane, metres.
+
+    Raises:
+        ViewError: reasons `no_depth`, or `out_of_sight` where the view hardly shows the container.
+    """
+    s = CROP_SETTINGS
+    if view.depth is None:
+        raise ViewError("no_depth", "the view has no depth image; expected one")
+    # Where the image shows the container's outline, at the rim and at the foot.
+    outline = shape.ring(0.0, 0.0)
+    corners = np.concatenate([np.column_stack([outline, np.full(len(outline), z)])
+                              for z in (plane_z + height, plane_z)])
+    T_camera_world = geometry.inverse(view.T_world_camera)
+    pixels, z = geometry.project(geometry.apply(T_camera_world, corners), view.intrinsics)
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    span = float((high - low).max()) * (1 + 2 * s.margin)
+    if z.min() <= 0 or span < s.min_span:
+        raise ViewError("out_of_sight", f"the container spans {span:.0f} pixels, its nearest "
+                                        f"point at {z.min():.2f} m; expected at least "
+                                        f"{s.min_span} pixels in front of the camera")
+    # Resample around that, without mixing in more than the crop's pixels cover.
+    scale = SIDE / span
+    shift = SIDE / 2 - scale * (low + high) / 2
+    matrix = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
+    crop = cv2.warpAffine(_channels(view, shape, height, plane_z), matrix, (SIDE, SIDE),
+                          flags=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+    if crop[..., 2].mean() < s.min_depth_share:
+        raise ViewError("out_of_sight", f"{crop[..., 2].mean():.0%} of the crop around the "
+                                        "container have depth; expected at least "
+                                        f"{s.min_depth_share:.0%}")
+    return np.ascontiguousarray(crop.transpose(2, 0, 1))  # (CHANNELS, SIDE, SIDE)
+
+
+def _channels(view: View, shape: WallShape, height: float, plane_z: float) -> np.ndarray:
+    """(h, w, CHANNELS) float32 of a whole view; the other arguments are those of `wall_crop`."""
+    depth = np.asarray(view.depth)
+    reach, width = CROP_SETTINGS.reach, outer_width(shape)
+    points = geometry.apply(view.T_world_camera, geometry.unproject(depth, view.intrinsics))
+    xy = points[..., :2].reshape(-1, 2)
+    above = points[..., 2] - plane_z - height
+    inside = shape.depth_inside(xy, np.zeros(len(xy))).reshape(above.shape)
+    valid = (depth > 0).astype(np.float32)
+    return np.stack([np.clip(above / width, -reach, reach) * valid,
+                     np.clip(inside / width, -reach, reach) * valid, valid],
+                    axis=-1).astype(np.float32)

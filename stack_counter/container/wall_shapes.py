@@ -1,253 +1,285 @@
-"""Forms of a container's wall: rectangular with draft, round, or free-form.
+# SPDX-License-Identifier: Apache-2.0
+"""Shapes of a container's wall: rectangular with draft, round, or free-form (`types.WallShape`).
 
-A form says how far inside the wall's outer face a point lies, as a smooth function of a few
-parameters (`walls.py` fits them), and draws the wall's outline at any depth below the rim.
+Each tells how far inside the wall's outer face a point lies, as a smooth function of a few
+parameters (`wall_fit.py` fits them), and gives the wall's outline at any depth below the rim.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
 
 import numpy as np
+from typing_extensions import override
 
-_WAVES = 8  # Fourier orders of a free-form outline
-_LEANS = 4  # and of its lean
-_ROUND_SIDES = 96  # corners of a round or free-form ring
-
-
-class WallShape(Protocol):
-    """What all forms can do."""
-
-    @property
-    def kind(self) -> str:
-        """One of `types.CONTAINER_KINDS`."""
-        ...
-
-    @property
-    def params(self) -> np.ndarray:
-        """(m,) parameters."""
-        ...
-
-    @property
-    def params_std(self) -> np.ndarray:
-        """(m,) how far they are expected to be from a first guess."""
-        ...
-
-    def with_params(self, params: np.ndarray) -> WallShape:
-        """The same form with other parameters."""
-        ...
-
-    @property
-    def pose(self) -> tuple[np.ndarray, float]:
-        """Middle, (2,) metres in the world, and yaw, rad."""
-        ...
-
-    def depth_inside(self, xy: np.ndarray, below: np.ndarray) -> np.ndarray:
-        """(n,) metres that (n, 2) world points lie inside the outer face, `below` ((n,) metres)
-        the rim; negative outside."""
-        ...
-
-    def outward(self, xy: np.ndarray) -> np.ndarray:
-        """(n, 2) horizontal unit normals of the wall nearest to (n, 2) world points."""
-        ...
-
-    def ring(self, below: float, inwards: float) -> np.ndarray:
-        """(k, 2) counter-clockwise world outline at a depth, moved inwards by so much, metres."""
-        ...
-
-    def moved(self, inwards: float) -> WallShape:
-        """The form with its whole face moved inwards by so many metres."""
-        ...
-
-    def centred(self) -> WallShape:
-        """The form in the container's own frame: its middle at 0, its yaw 0."""
-        ...
+from stack_counter.types import WallShape
 
 
 @dataclass(frozen=True)
-class BoxWall:
-    """Parameters: centre x, y (m, world), yaw (rad), outer size x, y at the rim (m), and by how
-    much the walls come in for each metre down (tangent of the draft)."""
+class WallShapeSettings:
+    """What all shapes share, and how far fits may take them from a first guess.
 
-    params: np.ndarray
-    kind: ClassVar[str] = "box"
-
-    def with_params(self, params: np.ndarray) -> BoxWall:
-        """See `WallForm`."""
-        return BoxWall(params)
-
-    @property
-    def params_std(self) -> np.ndarray:
-        """See `WallForm`."""
-        return np.array([0.003, 0.003, 0.02, 0.004, 0.004, 0.15])
-
-    @property
-    def pose(self) -> tuple[np.ndarray, float]:
-        """See `WallForm`."""
-        return self.params[:2], float(self.params[2])
-
-    def _beside(self, xy: np.ndarray) -> np.ndarray:
-        """(n, 4) distances inwards from the rim's sides -x, +x, -y, +y."""
-        x, y = ((xy - self.params[:2]) @ rotation_2d(self.params[2])).T
-        a, b = self.params[3:5] / 2
-        return np.stack([a + x, a - x, b + y, b - y], axis=1)
-
-    def depth_inside(self, xy: np.ndarray, below: np.ndarray) -> np.ndarray:
-        """See `WallForm`."""
-        return self._beside(xy).min(axis=1) - self.params[5] * below
-
-    def outward(self, xy: np.ndarray) -> np.ndarray:
-        """See `WallForm`."""
-        normals = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]]) @ rotation_2d(self.params[2]).T
-        return normals[self._beside(xy).argmin(axis=1)]
-
-    def ring(self, below: float, inwards: float) -> np.ndarray:
-        """See `WallForm`."""
-        a, b = np.maximum(self.params[3:5] / 2 - inwards - self.params[5] * below, 1e-4)
-        corners = np.array([[-a, -b], [a, -b], [a, b], [-a, b]])
-        return corners @ rotation_2d(self.params[2]).T + self.params[:2]
-
-    def moved(self, inwards: float) -> BoxWall:
-        """See `WallForm`."""
-        return BoxWall(self.params - inwards * np.array([0, 0, 0, 2, 2, 0]))
-
-    def centred(self) -> BoxWall:
-        """See `WallForm`."""
-        return BoxWall(np.concatenate([np.zeros(3), self.params[3:]]))
-
-
-@dataclass(frozen=True)
-class RoundWall:
-    """A body of revolution whose profile is a conic: cylinder, cone, ball, ellipsoid.
-
-    Parameters: centre x, y (m, world), radius R at the rim (m), p and q in
-    r^2 = R^2 - 2 p R below - q below^2.
+    Attributes:
+        radius_orders: Fourier orders of a free-form outline; chosen.
+        lean_orders: Fourier orders of a free-form wall's lean; chosen, an outline turns faster
+            around the container than its lean.
+        ring_corners: corners of a round ring; chosen, a multiple of 4.
+        angle_samples: directions in which a free-form outline is tabulated, the first one twice;
+            chosen, one for each degree.
+        samples_per_corner: tabulated directions for each corner of a free-form ring; chosen.
+        place_std: standard deviation of a place or an outer radius, m; chosen.
+        yaw_std: standard deviation of a box's yaw, rad; chosen.
+        side_std: standard deviation of a box's outer sides, m; chosen.
+        draft_std: standard deviation of a box's draft and a free-form wall's lean, m/m; chosen.
+        round_lean_std: standard deviation of a round wall's p, m/m; chosen.
+        round_bend_std: standard deviation of a round wall's q, m2/m2; chosen.
+        free_bend_std: standard deviation of a free-form wall's bend, m/m; chosen.
+        narrowest_share: least radius of a round wall's face, over that at the rim; chosen.
+        narrowest_ring_share: least radius of a ring, over that at the rim; chosen.
+        narrowest_half_side: least half side of a box's ring, m; chosen.
     """
 
-    params: np.ndarray
-    kind: ClassVar[str] = "round"
-
-    def with_params(self, params: np.ndarray) -> RoundWall:
-        """See `WallForm`."""
-        return RoundWall(params)
-
-    @property
-    def params_std(self) -> np.ndarray:
-        """See `WallForm`."""
-        return np.array([0.003, 0.003, 0.003, 0.2, 1.0])
-
-    @property
-    def pose(self) -> tuple[np.ndarray, float]:
-        """See `WallForm`."""
-        return self.params[:2], 0.0
-
-    def _radius(self, below: np.ndarray | float) -> np.ndarray:
-        _, _, R, p, q = self.params
-        return np.sqrt(np.maximum(R**2 - 2 * p * R * below - q * np.square(below), (0.1 * R)**2))
-
-    def depth_inside(self, xy: np.ndarray, below: np.ndarray) -> np.ndarray:
-        """See `WallForm`."""
-        return self._radius(below) - np.linalg.norm(xy - self.params[:2], axis=1)
-
-    def outward(self, xy: np.ndarray) -> np.ndarray:
-        """See `WallForm`."""
-        away = xy - self.params[:2]
-        return away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
-
-    def ring(self, below: float, inwards: float) -> np.ndarray:
-        """See `WallForm`; a polygon with the circle's area."""
-        angle = 2 * np.pi * np.arange(_ROUND_SIDES) / _ROUND_SIDES
-        r = np.maximum(self._radius(below) - inwards, 0.05 * self.params[2])
-        r *= np.sqrt(angle[1] / np.sin(angle[1]))
-        return self.params[:2] + r * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-    def moved(self, inwards: float) -> RoundWall:
-        """See `WallForm`."""
-        return RoundWall(self.params - inwards * np.array([0, 0, 1, 0, 0]))
-
-    def centred(self) -> RoundWall:
-        """See `WallForm`."""
-        return RoundWall(np.concatenate([np.zeros(2), self.params[2:]]))
+    radius_orders: int = 8
+    lean_orders: int = 4
+    ring_corners: int = 96
+    angle_samples: int = 361
+    samples_per_corner: int = 4
+    place_std: float = 0.003
+    yaw_std: float = 0.02
+    side_std: float = 0.004
+    draft_std: float = 0.15
+    round_lean_std: float = 0.2
+    round_bend_std: float = 1.0
+    free_bend_std: float = 0.3
+    narrowest_share: float = 0.1
+    narrowest_ring_share: float = 0.05
+    narrowest_half_side: float = 1e-4
 
 
-def fourier(angle: np.ndarray, orders: int) -> np.ndarray:
-    """(n, 2 orders + 1) columns 1, cos and sin of the multiples of an angle."""
+SETTINGS = WallShapeSettings()
+
+
+def rotation_2d(yaw: float) -> np.ndarray:
+    """(2, 2) rotation of the plane by an angle, rad."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s], [s, c]])
+
+
+def fourier_basis(angle: np.ndarray, orders: int) -> np.ndarray:
+    """(n, 2 orders + 1) columns 1, cos and sin of the multiples of (n,) angles, rad."""
     k = np.arange(1, orders + 1) * angle[:, None]
     return np.concatenate([np.ones((len(angle), 1)), np.cos(k), np.sin(k)], axis=1)
 
 
-_ANGLES = np.linspace(-np.pi, np.pi, 361)
-_RIM_WAVES, _LEAN_WAVES = fourier(_ANGLES, _WAVES), fourier(_ANGLES, _LEANS)
+@dataclass(frozen=True, eq=False)
+class BoxWall(WallShape):
+    """A rectangle whose walls lean in by the same draft on all sides.
 
-
-@dataclass(frozen=True)
-class FreeWall:
-    """Any star-shaped outline that leans in by any amount that changes slowly around it.
-
-    Parameters: Fourier coefficients of the outer radius at the rim (m) around `center`, then of
-    the lean (m inwards for each metre down), then the wall's common bend (1).
+    Attributes:
+        params: (6,) centre x, y (m, world), yaw (rad), outer size x, y at the rim (m), and by how
+            much the walls come in for each metre down (tangent of the draft).
     """
 
-    params: np.ndarray
-    center: np.ndarray
-    kind: ClassVar[str] = "free"
-
-    def with_params(self, params: np.ndarray) -> FreeWall:
-        """See `WallForm`."""
-        return FreeWall(params, self.center)
+    kind = "box"
 
     @property
-    def params_std(self) -> np.ndarray:
-        """See `WallForm`."""
-        return np.concatenate([np.full(2 * _WAVES + 1, 0.003), np.full(2 * _LEANS + 1, 0.15),
-                               [0.3]])
+    @override
+    def prior_std(self) -> np.ndarray:
+        s = SETTINGS
+        return np.array([s.place_std, s.place_std, s.yaw_std, s.side_std, s.side_std,
+                         s.draft_std])
 
     @property
-    def pose(self) -> tuple[np.ndarray, float]:
-        """See `WallForm`."""
-        return self.center, 0.0
+    @override
+    def center(self) -> np.ndarray:
+        return self.params[:2]
 
     @property
+    @override
+    def yaw(self) -> float:
+        return float(self.params[2])
+
+    def _depth_inside_sides(self, xy: np.ndarray) -> np.ndarray:
+        """(n, 4) metres that points lie inside the rim's sides -x, +x, -y, +y."""
+        x, y = ((xy - self.params[:2]) @ rotation_2d(self.params[2])).T
+        a, b = self.params[3:5] / 2
+        return np.stack([a + x, a - x, b + y, b - y], axis=1)
+
+    @override
+    def depth_inside(self, xy: np.ndarray, below: np.ndarray) -> np.ndarray:
+        return self._depth_inside_sides(xy).min(axis=1) - self.params[5] * below
+
+    @override
+    def outward_normals(self, xy: np.ndarray) -> np.ndarray:
+        normals = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]]) @ rotation_2d(self.params[2]).T
+        return normals[self._depth_inside_sides(xy).argmin(axis=1)]
+
+    @override
+    def ring(self, below: float, inwards: float) -> np.ndarray:
+        a, b = np.maximum(self.params[3:5] / 2 - inwards - self.params[5] * below,
+                          SETTINGS.narrowest_half_side)
+        corners = np.array([[-a, -b], [a, -b], [a, b], [-a, b]])
+        return corners @ rotation_2d(self.params[2]).T + self.params[:2]
+
+    @override
+    def offset_inwards(self, inwards: float) -> BoxWall:
+        return BoxWall(self.params - inwards * np.array([0, 0, 0, 2, 2, 0]))
+
+    @override
+    def in_own_frame(self) -> BoxWall:
+        return BoxWall(np.concatenate([np.zeros(3), self.params[3:]]))
+
+
+@dataclass(frozen=True, eq=False)
+class RoundWall(WallShape):
+    """A body of revolution whose profile is a conic: cylinder, cone, ball, ellipsoid.
+
+    Attributes:
+        params: (5,) centre x, y (m, world), radius R at the rim (m), p and q in
+            r^2 = R^2 - 2 p R below - q below^2.
+    """
+
+    kind = "round"
+
+    @property
+    @override
+    def prior_std(self) -> np.ndarray:
+        s = SETTINGS
+        return np.array([s.place_std, s.place_std, s.place_std, s.round_lean_std,
+                         s.round_bend_std])
+
+    @property
+    @override
+    def center(self) -> np.ndarray:
+        return self.params[:2]
+
+    @property
+    @override
+    def yaw(self) -> float:
+        return 0.0
+
+    def _radius(self, below: np.ndarray | float) -> np.ndarray:
+        """Outer radius, metres, so many metres below the rim."""
+        _, _, R, p, q = self.params
+        return np.sqrt(np.maximum(R**2 - 2 * p * R * below - q * np.square(below),
+                                  (SETTINGS.narrowest_share * R)**2))
+
+    @override
+    def depth_inside(self, xy: np.ndarray, below: np.ndarray) -> np.ndarray:
+        return self._radius(below) - np.linalg.norm(xy - self.params[:2], axis=1)
+
+    @override
+    def outward_normals(self, xy: np.ndarray) -> np.ndarray:
+        return _unit_vectors(xy - self.params[:2])
+
+    @override
+    def ring(self, below: float, inwards: float) -> np.ndarray:
+        """A polygon with the circle's area; see `WallShape.ring`."""
+        angle = 2 * np.pi * np.arange(SETTINGS.ring_corners) / SETTINGS.ring_corners
+        r = np.maximum(self._radius(below) - inwards,
+                       SETTINGS.narrowest_ring_share * self.params[2])
+        r *= np.sqrt(angle[1] / np.sin(angle[1]))
+        return self.params[:2] + r * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+    @override
+    def offset_inwards(self, inwards: float) -> RoundWall:
+        return RoundWall(self.params - inwards * np.array([0, 0, 1, 0, 0]))
+
+    @override
+    def in_own_frame(self) -> RoundWall:
+        return RoundWall(np.concatenate([np.zeros(2), self.params[2:]]))
+
+
+_RADIUS_COEFFICIENTS = 2 * SETTINGS.radius_orders + 1
+_LEAN_COEFFICIENTS = 2 * SETTINGS.lean_orders + 1
+_ANGLES = np.linspace(-np.pi, np.pi, SETTINGS.angle_samples)
+_RADIUS_BASIS = fourier_basis(_ANGLES, SETTINGS.radius_orders)
+_LEAN_BASIS = fourier_basis(_ANGLES, SETTINGS.lean_orders)
+
+
+@dataclass(frozen=True, eq=False)
+class FreeWall(WallShape):
+    """Any star-shaped outline that leans in by any amount that changes slowly around it.
+
+    Attributes:
+        params: (27,) Fourier coefficients (mean, cosines, sines) of the outer radius at the rim
+            around `origin` (17, m), then of the lean (9, m inwards for each metre down), then the
+            wall's common bend (1, m/m).
+        origin: (2,) metres, world, from where radii are measured.
+    """
+
+    origin: np.ndarray
+    kind = "free"
+
+    @classmethod
+    def from_outline(cls, center: np.ndarray, radii: np.ndarray) -> FreeWall:
+        """The upright wall with a given rim.
+
+        Args:
+            center: (2,) metres, world.
+            radii: (17,) Fourier coefficients of the rim's radius around it, metres.
+        """
+        return cls(np.concatenate([radii, np.zeros(_LEAN_COEFFICIENTS + 1)]), center)
+
+    @property
+    @override
+    def prior_std(self) -> np.ndarray:
+        s = SETTINGS
+        return np.concatenate([np.full(_RADIUS_COEFFICIENTS, s.place_std),
+                               np.full(_LEAN_COEFFICIENTS, s.draft_std), [s.free_bend_std]])
+
+    @property
+    @override
+    def center(self) -> np.ndarray:
+        return self.origin
+
+    @property
+    @override
+    def yaw(self) -> float:
+        return 0.0
+
     def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rim's radius, lean, and cosine between radius and normal, at the angles `_ANGLES`."""
-        m = 2 * _WAVES + 1
-        rim, lean = _RIM_WAVES @ self.params[:m], _LEAN_WAVES @ self.params[m:-1]
-        slope = np.gradient(rim, _ANGLES)
-        return rim, lean, rim / np.hypot(rim, slope)
+        radius = _RADIUS_BASIS @ self.params[:_RADIUS_COEFFICIENTS]
+        lean = _LEAN_BASIS @ self.params[_RADIUS_COEFFICIENTS:-1]
+        slope = np.gradient(radius, _ANGLES)
+        return radius, lean, radius / np.hypot(radius, slope)
 
     def _radius(self, rim: np.ndarray, lean: np.ndarray, below: np.ndarray | float) -> np.ndarray:
+        """(n,) outer radii, metres, so many metres below a rim of these radii and leans."""
         return rim - lean * below - self.params[-1] * np.square(below) / self.params[0]
 
+    @override
     def depth_inside(self, xy: np.ndarray, below: np.ndarray) -> np.ndarray:
-        """See `WallForm`."""
-        away = xy - self.center
+        away = xy - self.origin
         angle = np.arctan2(away[:, 1], away[:, 0])
-        rim, lean, slant = (np.interp(angle, _ANGLES, table) for table in self._tables)
-        return (self._radius(rim, lean, below) - np.linalg.norm(away, axis=1)) * slant
+        rim, lean, cosine = (np.interp(angle, _ANGLES, table) for table in self._tables())
+        return (self._radius(rim, lean, below) - np.linalg.norm(away, axis=1)) * cosine
 
-    def outward(self, xy: np.ndarray) -> np.ndarray:
-        """See `WallForm`; along the radius."""
-        away = xy - self.center
-        return away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+    @override
+    def outward_normals(self, xy: np.ndarray) -> np.ndarray:
+        """Directions along the radius, which is near the normal; see `WallShape`."""
+        return _unit_vectors(xy - self.origin)
 
+    @override
     def ring(self, below: float, inwards: float) -> np.ndarray:
-        """See `WallForm`."""
-        angle = _ANGLES[:-1:4]
-        rim, lean, slant = (table[:-1:4] for table in self._tables)
-        r = np.maximum(self._radius(rim, lean, below) - inwards / slant, 0.05 * self.params[0])
-        return self.center + r[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        corners = slice(None, -1, SETTINGS.samples_per_corner)
+        rim, lean, cosine = (table[corners] for table in self._tables())
+        angle = _ANGLES[corners]
+        r = np.maximum(self._radius(rim, lean, below) - inwards / cosine,
+                       SETTINGS.narrowest_ring_share * self.params[0])
+        return self.origin + r[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
-    def moved(self, inwards: float) -> FreeWall:
-        """See `WallForm`; along the radius."""
-        return FreeWall(self.params - inwards * np.eye(len(self.params))[0], self.center)
+    @override
+    def offset_inwards(self, inwards: float) -> FreeWall:
+        """The shape with all radii shortened by so much; see `WallShape`."""
+        return FreeWall(self.params - inwards * np.eye(len(self.params))[0], self.origin)
 
-    def centred(self) -> FreeWall:
-        """See `WallForm`."""
+    @override
+    def in_own_frame(self) -> FreeWall:
         return FreeWall(self.params, np.zeros(2))
 
 
-def rotation_2d(yaw: float) -> np.ndarray:
-    """(2, 2) rotation of the plane."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([[c, -s], [s, c]])
+def _unit_vectors(away: np.ndarray) -> np.ndarray:
+    """(n, 2) directions of vectors; zero for those without length."""
+    return away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)

@@ -12,9 +12,9 @@ from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.fusion.depth_filter import open_background, smooth_depth
 from stack_counter.fusion.leveling import level_to_support
-from stack_counter.fusion.region import Region, crop_to_region, grow
-from stack_counter.fusion.tsdf import FusedSurface, Tsdf
-from stack_counter.fusion.voxel_size import automatic_voxel_size
+from stack_counter.fusion.region import Region, crop_to_region
+from stack_counter.fusion.surface import FusedSurface
+from stack_counter.fusion.tsdf import Tsdf, automatic_voxel_size
 from stack_counter.types import View
 
 
@@ -60,7 +60,7 @@ class DepthFusion:
 
     def grow_region(self, view: View) -> None:
         """Takes in what the view shows standing across the region's border."""
-        self.region = grow(self.region, view)
+        self.region = self.region.grown_by(view)
 
     def integrate(self, view: View) -> View:
         """Fuses one view.

@@ -1,4 +1,5 @@
-"""Takes out of a view's pose what its own picture of the support plane contradicts.
+# SPDX-License-Identifier: Apache-2.0
+"""Corrects a view's pose by the support plane that its own depth shows.
 
 Robots and hand-eye calibrations report poses that are off by millimetres and tenths of a degree.
 All views see the same level plane around the container: height, roll and pitch of each are
@@ -7,63 +8,119 @@ corrected by it. Place and yaw in the plane stay as reported.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.fusion.region import MARGIN, Region
+from stack_counter.fusion.region import SETTINGS as REGION_SETTINGS
+from stack_counter.fusion.region import Region
 from stack_counter.types import View
 
-_STRIDE = 3  # pixels between the points looked at
-_REACH = 0.012  # how far from where it should be the plane is looked for, m
-_AROUND = 0.85  # of the margin that a region has around what stands in it
-_STEEPEST = 0.02  # tilt that a pose may have wrong, rad
-_FEWEST = 150  # points of the plane
-_SPREAD = 0.03  # standard deviation of their places along the shorter axis, m
-_ROUNDS = 4  # of fits, each without what lies far off the last one
+
+@dataclass(frozen=True)
+class LevelingSettings:
+    """Where the support plane is looked for, and which fit of it is used; all values are chosen.
+
+    Attributes:
+        stride: pixels from one point that is used to the next.
+        reach: distance from its expected height within which the plane is looked for, m.
+        margin_share: width of the strip along the region's border that shows the plane alone,
+            over the region's margin.
+        max_tilt: largest tilt that a pose may have wrong, rad.
+        min_points: least number of points of the plane.
+        min_spread: least standard deviation of their places along the shorter axis, m.
+        rounds: number of fits, each without the outliers of the last one.
+        outlier_factor: distance from the last fit, in standard deviations, of an outlier.
+        min_outlier_distance: the same, m, for depth with little noise.
+    """
+
+    stride: int = 3
+    reach: float = 0.012
+    margin_share: float = 0.85
+    max_tilt: float = 0.02
+    min_points: int = 150
+    min_spread: float = 0.03
+    rounds: int = 4
+    outlier_factor: float = 2.5
+    min_outlier_distance: float = 0.001
+
+
+SETTINGS = LevelingSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class _Plane:
+    """z = height + slope . (xy - center), metres.
+
+    Attributes:
+        center: (2,) mean place of the points that it was fitted to.
+        height: metres, at the center.
+        slope: (2,) rise for each metre along x and y.
+    """
+
+    center: np.ndarray
+    height: float
+    slope: np.ndarray
 
 
 def level_to_support(view: View, region: Region) -> View:
-    """The view with a pose in which the support plane is level and at its height; as it was where
-    too little of the plane shows, or the plane lies too far off.
+    """Corrects a view's pose so that the support plane is level and at its height.
 
     Args:
         view: with depth.
         region: with the plane's height.
+
+    Returns:
+        The view itself where too little of the plane shows, or the plane lies too far off.
     """
-    points = geometry.world_points(view, _STRIDE).reshape(-1, 3).astype(float)
+    plane = _fit_plane(_points_beside_stack(view, region))
+    if plane is None or np.linalg.norm(plane.slope) > SETTINGS.max_tilt \
+            or abs(plane.height - region.plane_z) > SETTINGS.reach / 2:
+        return view
+    # Rotate the plane's normal upwards about its center; move that to the plane's height.
+    slope = plane.slope
+    normal = np.array([-slope[0], -slope[1], 1.0]) / np.sqrt(1 + slope @ slope)
+    rotation = _smallest_rotation(normal, np.array([0, 0, 1.0]))
+    pivot = np.append(plane.center, plane.height)
+    shift = np.append(plane.center, region.plane_z) - rotation @ pivot
+    return replace(view, T_world_camera=geometry.pose(rotation, shift) @ view.T_world_camera)
+
+
+def _points_beside_stack(view: View, region: Region) -> np.ndarray:
+    """(n, 3) float64 world points near the support's height, along the region's border."""
+    points = geometry.world_points(view, SETTINGS.stride).reshape(-1, 3).astype(float)
     xy = points[:, :2]
     beyond = np.maximum(region.low[:2] - xy, xy - region.high[:2]).max(axis=1)
     # Around what stands there alone: a bin's own floor is level too, and higher.
-    around = (beyond < 0) & (beyond > -_AROUND * MARGIN)
-    points = points[around & (np.abs(points[:, 2] - region.plane_z) < _REACH)]
-    middle, plane = np.zeros(2), np.zeros(3)
-    reach = _REACH
-    for _ in range(_ROUNDS):
-        if len(points) < _FEWEST:
-            return view
-        middle = points[:, :2].mean(axis=0)
-        flat = np.column_stack([np.ones(len(points)), points[:, :2] - middle])
-        if np.linalg.eigvalsh(np.cov(flat[:, 1:].T))[0] < _SPREAD**2:
-            return view
-        plane = np.linalg.lstsq(flat, points[:, 2], rcond=None)[0]
-        miss = points[:, 2] - flat @ plane
+    around = (beyond < 0) & (beyond > -SETTINGS.margin_share * REGION_SETTINGS.margin)
+    return points[around & (np.abs(points[:, 2] - region.plane_z) < SETTINGS.reach)]
+
+
+def _fit_plane(points: np.ndarray) -> _Plane | None:
+    """Plane through (n, 3) points by repeated least squares; None for too few of them."""
+    s, plane, reach = SETTINGS, None, SETTINGS.reach
+    for _ in range(s.rounds):
+        # Enough points, spread over both axes.
+        if len(points) < s.min_points:
+            return None
+        center = points[:, :2].mean(axis=0)
+        design = np.column_stack([np.ones(len(points)), points[:, :2] - center])
+        if np.linalg.eigvalsh(np.cov(design[:, 1:].T))[0] < s.min_spread**2:
+            return None
+        # Least squares; then drop the outliers.
+        solution = np.linalg.lstsq(design, points[:, 2], rcond=None)[0]
+        plane = _Plane(center, solution[0], solution[1:])
+        residuals = points[:, 2] - design @ solution
         # The lower half: what stands on the plane reaches into it from above only.
-        below = miss[miss < 0]
-        reach = min(reach, max(2.5 * float(np.sqrt(np.mean(below**2))), 0.001))
-        points = points[np.abs(miss) < reach]
-    height, slope = plane[0], plane[1:]
-    if np.linalg.norm(slope) > _STEEPEST or abs(height - region.plane_z) > _REACH / 2:
-        return view
-    up = np.array([-slope[0], -slope[1], 1.0]) / np.sqrt(1 + slope @ slope)
-    turn = _turned(up, np.array([0, 0, 1.0]))
-    pivot = np.append(middle, height)
-    shift = np.append(middle, region.plane_z) - turn @ pivot
-    return replace(view, T_world_camera=geometry.pose(turn, shift) @ view.T_world_camera)
+        below = residuals[residuals < 0]
+        std = float(np.sqrt(np.mean(below**2)))
+        reach = min(reach, max(s.outlier_factor * std, s.min_outlier_distance))
+        points = points[np.abs(residuals) < reach]
+    return plane
 
 
-def _turned(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _smallest_rotation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(3, 3) the smallest rotation that takes unit vector a to b."""
     v = np.cross(a, b)
     x = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])

@@ -1,7 +1,9 @@
+# SPDX-License-Identifier: Apache-2.0
 """Region of interest: the support plane and what stands on it, from the first views of a scan."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,22 +14,55 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.types import View
 
-_CELL = 0.005  # side of a cell of the map in which blobs are told apart, m
-_JOINED = 4  # cells around a thing in which another one belongs to it
-_FEWEST = 3  # points of a cell whose mean height counts
-_STRIDE = 4  # pixels between the points looked at
-_LOWEST = 0.006  # what stands less than this above the plane is never looked at, m
-_GROWTH = 0.1  # farthest that one view can grow the region, m
-_PIECE = 0.1  # least points of a piece on a table, over those of the largest
-MARGIN = 0.04  # plane kept around the blob: the container's foot and some support, m
-
 
 @dataclass(frozen=True)
+class RegionSettings:
+    """How the support plane and what stands on it are told apart; all values are chosen.
+
+    Attributes:
+        stride: pixels from one point that is used to the next.
+        min_points: least number of depth points in sight.
+        cell: side of a cell of the map in which blobs are told apart, m.
+        join_cells: distance, cells, up to which things belong to one blob.
+        min_cell_points: least number of points in a cell whose mean height is used.
+        min_height: least height above the plane of what is looked at, m.
+        noise_factor: the same in standard deviations of single points.
+        cell_noise_factor: the same in standard deviations of the cells' mean heights.
+        plane_bin: step of the histogram of heights in which the plane is found, m.
+        plane_reach: distance from that histogram's peak of points that measure the plane, m.
+        margin: plane kept around the blob, m: the container's foot and some support.
+        growth: farthest that one view can grow the region, m.
+        min_piece_share: least number of points of a piece on a table, over that of the largest.
+        one_side_angle: largest angle between the directions to all cameras of a scan from one
+            side, rad.
+    """
+
+    stride: int = 4
+    min_points: int = 100
+    cell: float = 0.005
+    join_cells: int = 4
+    min_cell_points: int = 3
+    min_height: float = 0.006
+    noise_factor: float = 4.0
+    cell_noise_factor: float = 5.0
+    plane_bin: float = 0.002
+    plane_reach: float = 0.015
+    margin: float = 0.04
+    growth: float = 0.1
+    min_piece_share: float = 0.1
+    one_side_angle: float = 0.35
+
+
+SETTINGS = RegionSettings()
+_MAD_TO_STD = 1.4826
+
+
+@dataclass(frozen=True, eq=False)
 class Region:
     """An upright box in the world.
 
     Attributes:
-        low, high: (3,) metres.
+        low, high: (3,) corners, metres.
         plane_z: height of the support plane, metres.
         noise: standard deviation of single depth points around that plane, metres.
     """
@@ -40,7 +75,7 @@ class Region:
     @property
     def lowest(self) -> float:
         """Height above the plane, metres, below which a single point may be noise."""
-        return max(_LOWEST, 4 * self.noise)
+        return max(SETTINGS.min_height, SETTINGS.noise_factor * self.noise)
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """(...) bool for (..., 3) world points, metres."""
@@ -52,6 +87,21 @@ class Region:
         """The smallest region around both, with the support plane of this one."""
         return replace(self, low=np.minimum(self.low, other.low),
                        high=np.maximum(self.high, other.high))
+
+    def grown_by(self, view: View) -> Region:
+        """The region extended by what a view with depth shows standing across its border.
+
+        Raises:
+            ViewError: reason `no_depth`.
+        """
+        s = SETTINGS
+        points = geometry.world_points(view, s.stride).reshape(-1, 3)
+        # What stands near the region, if it reaches into it.
+        around = replace(self, low=self.low - s.growth, high=self.high + s.growth)
+        blob = largest_blob(_standing_points(points[around.contains(points)], self))
+        if not len(blob) or not self.contains(blob).any():
+            return self
+        return self.union(_region_around(blob, self))
 
 
 def find_region(views: list[View], config: ReconstructorConfig) -> Region:
@@ -67,81 +117,62 @@ def find_region(views: list[View], config: ReconstructorConfig) -> Region:
     Raises:
         ScanError: no plane, or nothing in sight.
     """
-    points = np.concatenate([p[np.isfinite(p[:, 2])] for p in
-                             (geometry.world_points(v, _STRIDE).reshape(-1, 3) for v in views)])
-    given = np.any(config.roi_size_m)
+    points = _points_of(views)
+    # Crop to the configured region.
+    configured = np.any(config.roi_size_m)
     center, size = np.array(config.roi_center_m), np.array(config.roi_size_m)
-    if given:
+    if configured:
         points = points[np.all(np.abs(points - center) <= size / 2, axis=1)]
-    if len(points) < 100:
+    if len(points) < SETTINGS.min_points:
         raise ScanError(f"{len(points)} depth points in the region of interest; "
-                        "expected 100 or more")
+                        f"expected {SETTINGS.min_points} or more")
+    # Find the support plane.
     plane_z, noise = _support_plane(points)
     everything = Region(points.min(axis=0), points.max(axis=0), plane_z, noise)
-    if given:
+    if configured:
         low = center - size / 2
-        low[2] = min(low[2], plane_z - MARGIN)
+        low[2] = min(low[2], plane_z - SETTINGS.margin)
         return replace(everything, low=low, high=center + size / 2)
-    blob = largest_blob(_standing(points, everything))
+    # Find the largest blob that stands on it.
+    blob = largest_blob(_standing_points(points, everything))
     if not len(blob):
         return everything
-    return _around(blob, everything)
+    return _region_around(blob, everything)
 
 
 def find_pieces(views: list[View], config: ReconstructorConfig) -> Region:
-    """Finds the support plane and all that stands on it: pieces that lie apart.
+    """Finds the support plane and all pieces that lie apart on it.
+
+    Args:
+        views: views of the scan, with depth.
+        config: a configured region (`roi_size_m`) is used as given.
 
     Raises:
-        ScanError: as `find_region`, or nothing stands there.
+        ScanError: no plane, nothing in sight, or nothing stands on the plane.
     """
     region = find_region(views, config)
     if np.any(config.roi_size_m):
         return region
-    points = np.concatenate([p[np.isfinite(p[:, 2])] for p in
-                             (geometry.world_points(v, _STRIDE).reshape(-1, 3) for v in views)])
-    standing = _standing(points, region)
-    of_point, counts = _blobs(standing)
+    standing = _standing_points(_points_of(views), region)
+    footprints = _label_footprints(standing)
     if len(standing):  # what is much smaller than the largest is noise of far ground
-        standing = standing[(counts > _PIECE * counts.max())[of_point]]
+        counts = footprints.counts
+        large = counts > SETTINGS.min_piece_share * counts.max()
+        standing = standing[large[footprints.label_of_point]]
     if not len(standing):
         raise ScanError("nothing stands on the support plane; expected pieces that lie apart")
-    return _around(standing, region)
+    return _region_around(standing, region)
 
 
-def _standing(points: np.ndarray, region: Region) -> np.ndarray:
-    """Those of (n, 3) points that stand on the plane: alone by far, or with their neighbours."""
-    above = points[:, 2] - region.plane_z
-    if not len(points):
-        return points
-    cells = np.floor(points[:, :2] / _CELL).astype(np.int64)
-    cells -= cells.min(axis=0)
-    cell = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
-    count = np.bincount(cell)
-    mean = np.bincount(cell, above) / np.maximum(count, 1)
-    ground = (np.abs(mean) < region.lowest) & (count > 0)
-    noise = 1.4826 * np.median(np.abs(mean[ground])) if ground.any() else region.noise
-    high = (mean > max(_LOWEST / 2, 5 * noise)) & (count >= _FEWEST)
-    return points[(above > region.lowest) | (high[cell] & (above > 0))]
-
-
-def _around(blob: np.ndarray, region: Region) -> Region:
-    """What holds these points, the support plane below them, and a margin."""
-    low = np.append(blob[:, :2].min(axis=0), region.plane_z)
-    return replace(region, low=low - MARGIN, high=blob.max(axis=0) + MARGIN)
-
-
-def grow(region: Region, view: View) -> Region:
-    """The region with what this view shows standing across its border taken in."""
-    points = geometry.world_points(view, _STRIDE).reshape(-1, 3)
-    around = replace(region, low=region.low - _GROWTH, high=region.high + _GROWTH)
-    blob = largest_blob(_standing(points[around.contains(points)], region))
-    if not len(blob) or not region.contains(blob).any():
-        return region
-    return region.union(_around(blob, region))
+def seen_from_one_side(views: list[View], region: Region) -> bool:
+    """Whether the directions from the region's middle to all cameras are nearly the same."""
+    away = np.array([v.T_world_camera[:3, 3] for v in views]) - (region.low + region.high) / 2
+    away /= np.linalg.norm(away, axis=1)[:, None]
+    return bool(np.arccos(np.clip(away @ away[0], -1, 1)).max() < SETTINGS.one_side_angle)
 
 
 def crop_to_region(view: View, region: Region) -> View:
-    """The pixels that can show something of the region.
+    """Crops a view to the pixels that can show something of the region.
 
     Raises:
         ViewError: reason `out_of_sight`, if there are none.
@@ -154,39 +185,88 @@ def crop_to_region(view: View, region: Region) -> View:
     return geometry.crop(view, pixels.min(axis=0), pixels.max(axis=0))
 
 
+def largest_blob(points: np.ndarray) -> np.ndarray:
+    """The world points, of (n, 3), of the connected footprint that holds the most of them."""
+    if not len(points):
+        return points
+    footprints = _label_footprints(points)
+    return points[footprints.label_of_point == np.argmax(footprints.counts)]
+
+
+def _points_of(views: Iterable[View]) -> np.ndarray:
+    """(n, 3) float32 world points of views with depth, metres."""
+    return np.concatenate([p[np.isfinite(p[:, 2])] for p in (
+        geometry.world_points(view, SETTINGS.stride).reshape(-1, 3) for view in views)])
+
+
+def _standing_points(points: np.ndarray, region: Region) -> np.ndarray:
+    """Those of (n, 3) world points that stand on the plane: alone by far, or with their
+    neighbours."""
+    s = SETTINGS
+    above = points[:, 2] - region.plane_z
+    if not len(points):
+        return points
+    # Mean height of the points in each cell of a map.
+    cells = np.floor(points[:, :2] / s.cell).astype(np.int64)
+    cells -= cells.min(axis=0)
+    cell = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
+    count = np.bincount(cell)
+    mean = np.bincount(cell, above) / np.maximum(count, 1)
+    # Noise of these means on the ground, where nothing stands.
+    ground = (np.abs(mean) < region.lowest) & (count > 0)
+    noise = _MAD_TO_STD * np.median(np.abs(mean[ground])) if ground.any() else region.noise
+    high = (mean > max(s.min_height / 2, s.cell_noise_factor * noise)) \
+        & (count >= s.min_cell_points)
+    return points[(above > region.lowest) | (high[cell] & (above > 0))]
+
+
+def _region_around(blob: np.ndarray, region: Region) -> Region:
+    """The region that holds (n, 3) points, the support plane below them, and a margin."""
+    low = np.append(blob[:, :2].min(axis=0), region.plane_z)
+    return replace(region, low=low - SETTINGS.margin, high=blob.max(axis=0) + SETTINGS.margin)
+
+
 def _support_plane(points: np.ndarray) -> tuple[float, float]:
     """Height of the horizontal plane with the most area, and the noise of points around it."""
+    s = SETTINGS
     # Points thin out with distance squared: one vote for each cell and height levels that out.
-    voxels = np.unique(np.floor(points / [_CELL, _CELL, 0.002]).astype(np.int64), axis=0)
+    voxels = np.unique(np.floor(points / [s.cell, s.cell, s.plane_bin]).astype(np.int64), axis=0)
     level, votes = np.unique(voxels[:, 2], return_counts=True)
+    # The peak of the smoothed histogram of heights.
     padded = np.zeros(level[-1] - level[0] + 3)
     padded[level - level[0] + 1] = votes
     smooth = np.convolve(padded, np.ones(3), mode="same")
-    mode = (np.argmax(smooth) - 1 + level[0] + 0.5) * 0.002
-    near = points[np.abs(points[:, 2] - mode) < 0.015, 2]
+    mode = (np.argmax(smooth) - 1 + level[0] + 0.5) * s.plane_bin
+    # Median and robust standard deviation of the points around it.
+    near = points[np.abs(points[:, 2] - mode) < s.plane_reach, 2]
     height = float(np.median(near))
-    return height, float(1.4826 * np.median(np.abs(near - height)))
+    return height, float(_MAD_TO_STD * np.median(np.abs(near - height)))
 
 
-def largest_blob(points: np.ndarray) -> np.ndarray:
-    """The points of the connected footprint that holds the most of them."""
+@dataclass(frozen=True, eq=False)
+class _Footprints:
+    """Connected footprints of n points.
+
+    Attributes:
+        label_of_point: (n,) int, the footprint that each point is in, from 1 on.
+        counts: (k,) int, how many points each label has; label 0 has none.
+    """
+
+    label_of_point: np.ndarray
+    counts: np.ndarray
+
+
+def _label_footprints(points: np.ndarray) -> _Footprints:
+    """Labels (n, 3) world points by the connected footprint that they are in."""
     if not len(points):
-        return points
-    of_point, counts = _blobs(points)
-    return points[of_point == np.argmax(counts)]
-
-
-def _blobs(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) which connected footprint each of (n, 3) points is in, from 1 on, and how many points
-    each holds; none holds those of number 0."""
-    if not len(points):
-        return np.zeros(0, np.int64), np.zeros(1, np.int64)
-    cells = np.floor(points[:, :2] / _CELL).astype(np.int64)
+        return _Footprints(np.zeros(0, np.int64), np.zeros(1, np.int64))
+    # Count the points in each cell of a map.
+    cells = np.floor(points[:, :2] / SETTINGS.cell).astype(np.int64)
     cells -= cells.min(axis=0)
     counts = np.zeros(cells.max(axis=0) + 1, np.int64)
     np.add.at(counts, (cells[:, 0], cells[:, 1]), 1)
     # Joins the rim and the parts over the unseen strip between them, and parts beside a heap.
-    filled = ndimage.binary_dilation(counts > 0, iterations=_JOINED)
-    names, _ = ndimage.label(filled, structure=np.ones((3, 3)))
-    of_point = names[cells[:, 0], cells[:, 1]]
-    return of_point, np.bincount(of_point)
+    filled = ndimage.binary_dilation(counts > 0, iterations=SETTINGS.join_cells)
+    labels, _ = ndimage.label(filled, structure=np.ones((3, 3)))
+    label_of_point = labels[cells[:, 0], cells[:, 1]]
+    return _Footprints(label_of_point, np.bincount(label_of_point))

@@ -1,4 +1,5 @@
-"""TSDF fusion and carving of depth views; the only module that touches Open3D.
+# SPDX-License-Identifier: Apache-2.0
+"""TSDF fusion and carving of depth views.
 
 Source: paper, section 3.3 (fused and carved volume); the update rule is that of Curless and Levoy
 (1996) as Open3D's `VoxelBlockGrid.integrate` runs it.
@@ -6,21 +7,67 @@ Source: paper, section 3.3 (fused and carved volume); the update rule is that of
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import open3d as o3d
 import open3d.core as o3c
 
 from stack_counter import geometry
 from stack_counter.errors import ViewError
-from stack_counter.types import HeightMap, Intrinsics, Mesh, View
+from stack_counter.fusion.region import Region
+from stack_counter.types import Intrinsics, Mesh, View
 
+
+@dataclass(frozen=True)
+class TsdfSettings:
+    """Sizes of the voxel grid; all values are chosen.
+
+    Attributes:
+        coarsest_voxel: side of a voxel for parts and containers of any size, m; the size that the
+            error model of V was fitted for.
+        finest_voxel: least side of a voxel, m.
+        voxels_along_region: number of voxels along a region's longer side above which they
+            become larger than that.
+        voxels_per_part: number of voxels along the cube root of a part's volume.
+        block: voxels along the side of a block; small blocks follow the surface closely.
+        first_blocks: first capacity of the hash map of blocks; it grows by itself.
+    """
+
+    coarsest_voxel: float = 0.002
+    finest_voxel: float = 0.001
+    voxels_along_region: int = 400
+    voxels_per_part: int = 4
+    block: int = 8
+    first_blocks: int = 20_000
+
+
+SETTINGS = TsdfSettings()
 _CPU = o3c.Device("CPU:0")
-_BLOCK = 8  # voxels along a block's side: small blocks follow the surface closely
-_BYTES = 8  # of a voxel: distance and weight
-_BLOCKS = 20_000  # first size of the hash map; it grows by itself
+_BYTES_PER_VOXEL = 8  # two float32: distance and weight
 # Open3D cuts pixel coordinates off instead of rounding them; our pixel centres lie on whole
 # numbers. Without this every surface is read half a pixel beside its place.
 _TO_CORNER = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+
+
+def automatic_voxel_size(region: Region, unit_volume: float) -> float:
+    """Side of a voxel, m, where no setting gives it.
+
+    Args:
+        region: the larger it is, the larger the voxels.
+        unit_volume: of a part, m3, or 0 where it is not known; parts that are only a few voxels
+            wide get smaller ones.
+    """
+    extent = float((region.high - region.low)[:2].max())
+    size = max(SETTINGS.coarsest_voxel, extent / SETTINGS.voxels_along_region)
+    return min(size, voxel_size_for(unit_volume)) if unit_volume else size
+
+
+def voxel_size_for(unit_volume: float) -> float:
+    """Side of a voxel, m, for parts of `unit_volume` (m3) in a region of usual size."""
+    part_length = unit_volume ** (1 / 3)
+    return min(SETTINGS.coarsest_voxel,
+               max(part_length / SETTINGS.voxels_per_part, SETTINGS.finest_voxel))
 
 
 class Tsdf:
@@ -32,8 +79,16 @@ class Tsdf:
 
     def __init__(self, voxel_size: float, trunc_voxels: float, depth_trunc: float,
                  max_weight: float, max_memory_mb: float):
-        """Lengths in metres; `trunc_voxels` is sdf_trunc in voxels; of a voxel's views at most
-        `max_weight` count, so that what is taken away later disappears."""
+        """Makes an empty field.
+
+        Args:
+            voxel_size: side of a voxel, metres.
+            trunc_voxels: sdf_trunc, in voxels.
+            depth_trunc: farthest depth that is used, metres.
+            max_weight: largest number of views that a voxel's distance is the mean of, so that
+                what is taken away later disappears.
+            max_memory_mb: most memory that the field may take, MB.
+        """
         self.voxel_size = voxel_size
         self._max_weight = max_weight
         self._max_memory_mb = max_memory_mb
@@ -42,7 +97,7 @@ class Tsdf:
         self._depth_trunc = depth_trunc
         self._grid = o3d.t.geometry.VoxelBlockGrid(
             ("tsdf", "weight"), (o3c.float32, o3c.float32), [o3c.SizeVector([1])] * 2,
-            voxel_size, _BLOCK, _BLOCKS, _CPU)
+            voxel_size, SETTINGS.block, SETTINGS.first_blocks, _CPU)
 
     def integrate(self, depth: np.ndarray, surface: np.ndarray, intrinsics: Intrinsics,
                   T_world_camera: np.ndarray) -> None:
@@ -58,20 +113,23 @@ class Tsdf:
         Raises:
             ViewError: reason `too_large`: more memory than allowed.
         """
+        # Images and pose as Open3D's tensors.
         K = o3c.Tensor(intrinsics.K + _TO_CORNER)
         T_camera_world = o3c.Tensor(geometry.inverse(T_world_camera))
         image = o3d.t.geometry.Image(o3c.Tensor(np.ascontiguousarray(depth, np.float32)))
-        wanted = o3d.t.geometry.Image(o3c.Tensor(np.where(surface, depth, 0).astype(np.float32)))
-        settings = (1.0, self._depth_trunc, self._trunc_voxels)
-        blocks = np.concatenate([self._blocks(),
-                                 self._new_blocks(wanted, K, T_camera_world, settings)])
-        needed = len(blocks) * _BLOCK**3 * _BYTES / 1e6
-        if needed > self._max_memory_mb:
-            raise ViewError("too_large", f"the volume needs {needed:.0f} MB at a voxel_size of "
+        kept = o3d.t.geometry.Image(o3c.Tensor(np.where(surface, depth, 0).astype(np.float32)))
+        scales = (1.0, self._depth_trunc, self._trunc_voxels)
+        # Blocks that exist, and those to be made on the kept surface, if memory allows.
+        blocks = np.concatenate([self._blocks(), self._new_blocks(kept, K, T_camera_world,
+                                                                  scales)])
+        needed_mb = len(blocks) * SETTINGS.block**3 * _BYTES_PER_VOXEL / 1e6
+        if needed_mb > self._max_memory_mb:
+            raise ViewError("too_large", f"the volume needs {needed_mb:.0f} MB at a voxel_size of "
                                          f"{self.voxel_size} m; expected at most "
                                          f"{self._max_memory_mb:.0f} MB (max_memory_mb)")
+        # Update distance and weight of all their voxels; clip the weights.
         if len(blocks):
-            self._grid.integrate(o3c.Tensor(blocks), image, K, T_camera_world, *settings)
+            self._grid.integrate(o3c.Tensor(blocks), image, K, T_camera_world, *scales)
             self._views += 1
             if self._views > self._max_weight:  # no weight can be above it before
                 weights = self._grid.attribute("weight").numpy()  # shares the memory
@@ -79,45 +137,31 @@ class Tsdf:
 
     def forget(self, changed: np.ndarray, depth: np.ndarray, intrinsics: Intrinsics,
                T_world_camera: np.ndarray) -> None:
-        """Lets the next view alone say what is along some pixels' rays, up to their surface.
+        """Clears what was fused along some pixels' rays up to the surface that they show now, so
+        that the next view alone decides it.
 
         Args:
-            changed: (h, w) bool.
+            changed: (h, w) bool, the pixels whose rays are cleared.
             depth: (h, w) float32, metres, of the surface that is now seen there.
-            intrinsics, T_world_camera: as for `integrate`.
+            intrinsics: pinhole calibration of `depth`.
+            T_world_camera: (4, 4) pose of the optical frame.
         """
         blocks = self._grid.hashmap().active_buf_indices()
         if not len(blocks) or not changed.any():
             return
+        # Project all voxels into the image.
         points, index = self._grid.voxel_coordinates_and_flattened_indices(blocks)
-        seen = geometry.project_into(View(0, intrinsics, T_world_camera), points.numpy(),
-                                     np.float32)
-        before = depth[seen.rows, seen.cols] - seen.depth
-        wiped = changed[seen.rows, seen.cols] & (before > -self._trunc_voxels * self.voxel_size)
+        pixels = geometry.project_into(View(0, intrinsics, T_world_camera), points.numpy(),
+                                       np.float32)
+        # Clear those in front of the surface, or at most the truncation behind it.
+        before = depth[pixels.rows, pixels.cols] - pixels.depth
+        cleared = changed[pixels.rows, pixels.cols] \
+            & (before > -self._trunc_voxels * self.voxel_size)
         weights = self._grid.attribute("weight").numpy().reshape(-1)  # shares the memory
-        weights[index.numpy()[np.flatnonzero(seen.inside)[wiped]]] = 0
-
-    def _new_blocks(self, wanted: o3d.t.geometry.Image, K: o3c.Tensor, T_camera_world: o3c.Tensor,
-                    settings: tuple[float, float, float]) -> np.ndarray:
-        """(n, 3) int32 coordinates of the blocks on the wanted surface that do not exist yet."""
-        try:
-            found = self._grid.compute_unique_block_coordinates(wanted, K, T_camera_world,
-                                                                *settings)
-        except RuntimeError as error:
-            if "No block is touched" not in str(error):
-                raise
-            return np.zeros((0, 3), np.int32)  # the view sees nothing that is to be kept
-        # Looked up, not sorted: np.unique over rows takes as long as the fusion itself.
-        known = self._grid.hashmap().find(found)[1].numpy()
-        return found.numpy()[~known]
-
-    def _blocks(self) -> np.ndarray:
-        """(n, 3) int32 coordinates of the blocks that exist."""
-        hashmap = self._grid.hashmap()
-        return hashmap.key_tensor()[hashmap.active_buf_indices().to(o3c.int64)].numpy()
+        weights[index.numpy()[np.flatnonzero(pixels.inside)[cleared]]] = 0
 
     def extract_triangle_mesh(self, min_views: int) -> Mesh:
-        """The zero level as triangles, where at least `min_views` have seen it."""
+        """Extracts the zero level as triangles, where at least `min_views` have seen it."""
         empty = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
         if not len(self._blocks()):
             return empty
@@ -130,46 +174,20 @@ class Tsdf:
         return Mesh(mesh.vertex.positions.numpy().astype(np.float32),
                     mesh.triangle.indices.numpy().astype(np.int32))
 
+    def _new_blocks(self, kept: o3d.t.geometry.Image, K: o3c.Tensor, T_camera_world: o3c.Tensor,
+                    scales: tuple[float, float, float]) -> np.ndarray:
+        """(n, 3) int32 coordinates of the blocks on the kept surface that do not exist yet."""
+        try:
+            found = self._grid.compute_unique_block_coordinates(kept, K, T_camera_world, *scales)
+        except RuntimeError as error:
+            if "No block is touched" not in str(error):
+                raise
+            return np.zeros((0, 3), np.int32)  # the view sees nothing that is to be kept
+        # Looked up, not sorted: np.unique over rows takes as long as the fusion itself.
+        exists = self._grid.hashmap().find(found)[1].numpy()
+        return found.numpy()[~exists]
 
-class FusedSurface:
-    """Looks at a mesh, from straight above or as a camera does."""
-
-    def __init__(self, mesh: Mesh):
-        self.mesh = mesh
-        self._scene = o3d.t.geometry.RaycastingScene()
-        self._empty = len(mesh.triangles) == 0
-        if not self._empty:
-            self._scene.add_triangles(o3c.Tensor(mesh.vertices),
-                                      o3c.Tensor(mesh.triangles.astype(np.uint32)))
-            self._above = float(mesh.vertices[:, 2].max()) + 1.0
-
-    def heights(self, T_world_map: np.ndarray, pitch: float, shape: tuple[int, int]) -> HeightMap:
-        """Highest surface at the centre of every cell of a map; NaN where there is none.
-
-        Args:
-            T_world_map: (4, 4) map frame, z up in the world.
-            pitch: side of a cell, metres.
-            shape: (rows, cols).
-        """
-        heights = np.full(shape, np.nan, np.float32)
-        if self._empty:
-            return HeightMap(T_world_map, pitch, heights)
-        rows, cols = np.mgrid[:shape[0], :shape[1]]
-        cells = np.stack([(cols + 0.5) * pitch, (rows + 0.5) * pitch, np.zeros(shape)], axis=-1)
-        origins = geometry.apply(T_world_map, cells)
-        origins[..., 2] = self._above
-        rays = np.concatenate([origins, np.broadcast_to([0.0, 0, -1], origins.shape)], axis=-1)
-        hits = self._scene.cast_rays(o3c.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
-        z = self._above - hits - T_world_map[2, 3]
-        heights[np.isfinite(hits)] = z[np.isfinite(hits)]
-        return HeightMap(T_world_map, pitch, heights)
-
-    def depth(self, intrinsics: Intrinsics, T_world_camera: np.ndarray) -> np.ndarray:
-        """(h, w) float32 depth along the optical axis that a camera would measure, metres; 0 where
-        it sees nothing of the mesh."""
-        if self._empty:
-            return np.zeros((intrinsics.height, intrinsics.width), np.float32)
-        ways = geometry.pixel_rays(intrinsics, dtype=np.float64) @ T_world_camera[:3, :3].T
-        rays = np.concatenate([np.broadcast_to(T_world_camera[:3, 3], ways.shape), ways], axis=-1)
-        hits = self._scene.cast_rays(o3c.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
-        return np.where(np.isfinite(hits), hits, 0).astype(np.float32)
+    def _blocks(self) -> np.ndarray:
+        """(n, 3) int32 coordinates of the blocks that exist."""
+        hashmap = self._grid.hashmap()
+        return hashmap.key_tensor()[hashmap.active_buf_indices().to(o3c.int64)].numpy()

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import TaughtContainer
-from stack_counter.container.detection import find_container, seen_from_one_side
+from stack_counter.container.detection import FoundContainer, find_container
 from stack_counter.container.placement import place_container
 from stack_counter.display.mesh_colors import color_mesh
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.fusion.depth_filter import clip_depth
 from stack_counter.fusion.depth_fusion import DepthFusion
-from stack_counter.fusion.region import Region, find_region
+from stack_counter.fusion.region import Region, find_region, seen_from_one_side
 from stack_counter.reconstruction.key_view import find_key_view
 from stack_counter.reconstruction.plausibility import (
     check_agreement,
@@ -136,13 +136,13 @@ class DepthReconstruction:
         # Find the container, or the place of a taught one.
         voxel_size = self._fusion.voxel_size
         if taught is None:
-            container, is_sure = find_container(surface, views, region, voxel_size, config)
+            found = find_container(surface, views, region, voxel_size, config)
         else:
-            container, is_sure = (
-                place_container(taught, surface, views, region, voxel_size, config), True)
+            found = FoundContainer(place_container(taught, surface, views, region, voxel_size,
+                                                   config), sure=True)
         # Integrate the stack over its opening.
         one_side = seen_from_one_side(views, region)
-        stack = measure_stack(surface, container, region, voxel_size,
+        stack = measure_stack(surface, found.container, region, voxel_size,
                               taught is not None or config.container_floor_m > 0, one_side)
         self.segmenter = GivenLabels() if self._label_images_given \
             else Geometric(stack.container, region)
@@ -151,7 +151,7 @@ class DepthReconstruction:
             stack_volume_std=stack.stack_volume_std, container=stack.container,
             fill_level=stack.fill_level, coverage=stack.coverage, top=stack.top,
             inner=stack.inner, key_view=None, views=ViewTally(),
-            reasons=_reasons(stack, is_sure, one_side, views, region), one_side=one_side,
+            reasons=_reasons(stack, found.sure, one_side, views, region), one_side=one_side,
             mesh=color_mesh(surface.mesh, views))
 
     def key_view(self) -> KeyView | None:

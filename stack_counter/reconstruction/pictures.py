@@ -16,7 +16,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import TaughtContainer
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.fusion.region import Region
-from stack_counter.fusion.voxel_size import COARSEST
+from stack_counter.fusion.tsdf import SETTINGS as TSDF_SETTINGS
 from stack_counter.multiview.scan import StereoScan, depth_scan
 from stack_counter.multiview.visual_hull import carve_visual_hull
 from stack_counter.reconstruction.depth import DepthReconstruction
@@ -125,7 +125,7 @@ class PictureReconstruction:
                             f"{self._config.min_views}")
         volume = depth.measure(taught)
         if stereo.is_closed(volume, self._config):
-            volume = stereo.carved(volume, self._config.voxel_size or COARSEST)
+            volume = stereo.carved(volume, self._config.voxel_size or TSDF_SETTINGS.coarsest_voxel)
         self.stereo = stereo
         return stereo.in_world(volume)
 
@@ -136,7 +136,8 @@ class PictureReconstruction:
             ScanError: no voxel is left.
         """
         config = self._config
-        hull = carve_visual_hull(self.views, config.voxel_size or COARSEST, config.hull_min_share,
+        voxel_size = config.voxel_size or TSDF_SETTINGS.coarsest_voxel
+        hull = carve_visual_hull(self.views, voxel_size, config.hull_min_share,
                                  votes=_LIVE_VOTES if config.live else 1)
         # An outline's error of one pixel moves the surface by about half a voxel.
         skin = len(hull.surface) * hull.voxel_size**3

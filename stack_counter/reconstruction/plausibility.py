@@ -84,7 +84,7 @@ def second_container(views: list[View], region: Region) -> str | None:
     rims = [_coarse_rim(blob, region) for blob in blobs]
     if any(rim is None for rim in rims):
         return None
-    return " and ".join(f"one at x {rim.form.pose[0][0]:.2f}, y {rim.form.pose[0][1]:.2f} m"
+    return " and ".join(f"one at x {rim.outline.center[0]:.2f}, y {rim.outline.center[1]:.2f} m"
                         for rim in rims if rim is not None)
 
 
@@ -99,5 +99,6 @@ def _coarse_rim(points: np.ndarray, region: Region) -> Rim | None:
     heights[np.isinf(heights)] = np.nan
     T_world_map = geometry.pose(np.eye(3), np.append(low, region.plane_z))
     rim = find_rim(HeightMap(T_world_map, _CELL, heights), region.lowest, "auto")
-    sure = rim is not None and rim.outline_share >= _SURE_RIM and rim.form.kind in ("box", "round")
+    sure = rim is not None and rim.outline_share >= _SURE_RIM \
+        and rim.outline.kind in ("box", "round")
     return rim if sure else None

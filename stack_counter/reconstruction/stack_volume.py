@@ -8,11 +8,11 @@ import numpy as np
 from scipy import ndimage
 
 from stack_counter import geometry
-from stack_counter.container.detection import with_floor
+from stack_counter.container.construction import with_floor
 from stack_counter.container.inner_surface import opening_map
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region
-from stack_counter.fusion.tsdf import FusedSurface
+from stack_counter.fusion.surface import FusedSurface
 from stack_counter.types import Container, HeightMap
 
 _EDGE = 1.5  # voxels next to a wall in which the fused surface is the wall's rounded shoulder

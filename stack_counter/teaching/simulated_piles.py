@@ -182,11 +182,11 @@ def rig_container(config: ReconstructorConfig) -> ContainerShape | None:
         wall = config.container_wall_m or 0.003
         x, y, depth = size
         return _container(kind, (x, y, depth), wall, config.container_floor_m or wall, 0.0)
-    rim, depth = taught.form.ring(0.0, taught.wall_m), taught.rim_m - taught.floor_m
-    foot = taught.form.ring(depth, taught.wall_m)
+    rim, depth = taught.wall_shape.ring(0.0, taught.wall_m), taught.rim_m - taught.floor_m
+    foot = taught.wall_shape.ring(depth, taught.wall_m)
     x, y = np.ptp(rim, axis=0)
     lean = float(np.clip(np.ptp(rim, axis=0) - np.ptp(foot, axis=0), 0, None).mean()) / 2 / depth
-    return _container(taught.form.kind, (x, y, depth), max(taught.wall_m, 1e-3),
+    return _container(taught.wall_shape.kind, (x, y, depth), max(taught.wall_m, 1e-3),
                       max(taught.floor_m, 1e-3), float(np.arctan(lean)))
 
 

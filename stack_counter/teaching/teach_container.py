@@ -65,7 +65,7 @@ def taught_from(volume: StackVolume, taught: str) -> TaughtContainer:
         ScanError: no container was found, or it is not empty.
     """
     box, inner = volume.container, volume.inner
-    if box.form is None or inner is None:
+    if box.wall_shape is None or inner is None:
         raise ScanError(f"container is '{box.kind}'; expected a box, round or free one in views "
                         "with depth")
     # Refuse a container with something in it: its walls and floor would be measured wrong.
@@ -76,7 +76,7 @@ def taught_from(volume: StackVolume, taught: str) -> TaughtContainer:
                         f"{volume.stack_volume / capacity:.1%} of its capacity; expected an empty "
                         f"one, at most {SETTINGS.max_fill:.0%}")
     # A given yaw can only be understood if it is known which side is x: the longer one.
-    form = box.form
-    if isinstance(form, BoxWall) and form.params[3] < form.params[4]:
-        form = BoxWall(form.params[[0, 1, 2, 4, 3, 5]])
-    return TaughtContainer(form, box.wall_thickness_m, box.floor_thickness_m, rim, taught)
+    shape = box.wall_shape
+    if isinstance(shape, BoxWall) and shape.params[3] < shape.params[4]:
+        shape = BoxWall(shape.params[[0, 1, 2, 4, 3, 5]])
+    return TaughtContainer(shape, box.wall_thickness_m, box.floor_thickness_m, rim, taught)

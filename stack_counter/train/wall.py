@@ -19,11 +19,16 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from stack_counter.container.wall_input import outer_width, wall_crop
-from stack_counter.container.wall_network import WallNet, save_wall_net
-from stack_counter.container.wall_shapes import BoxWall, RoundWall, WallShape
+from stack_counter.container.wall_network import (
+    WallNet,
+    outer_width,
+    save_wall_net,
+    wall_crop,
+)
+from stack_counter.container.wall_shapes import BoxWall, RoundWall
 from stack_counter.errors import ConfigError, ViewError
 from stack_counter.sim import Scene, read_shard, record
+from stack_counter.types import WallShape
 
 _VIEWS = 3  # of a scene
 _EPOCHS, _BATCH, _RATE = 14, 32, 2e-3

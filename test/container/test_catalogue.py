@@ -28,8 +28,8 @@ def test_what_is_saved_is_loaded_and_others_stay(tmp_path):
     loaded = load_containers(path)
     assert list(loaded) == ["box", "round", "free"]
     for name, taught in TAUGHT.items():
-        assert loaded[name].form.kind == name
-        assert loaded[name].form.params == pytest.approx(taught.form.params)
+        assert loaded[name].wall_shape.kind == name
+        assert loaded[name].wall_shape.params == pytest.approx(taught.wall_shape.params)
         assert loaded[name].taught == taught.taught
         assert (loaded[name].wall_m, loaded[name].floor_m, loaded[name].rim_m) \
             == (taught.wall_m, taught.floor_m, taught.rim_m)
@@ -75,7 +75,7 @@ def test_the_comments_and_the_order_of_a_users_file_stay(tmp_path):
     assert path.read_text().startswith(text) and path.read_text().endswith("# end\n")
     save_container("tub", TAUGHT["box"], path)
     assert list(load_containers(path)) == ["tub", "box", "can"]
-    assert load_containers(path)["tub"].form.kind == "box"
+    assert load_containers(path)["tub"].wall_shape.kind == "box"
     kept = path.read_text()
     assert kept[kept.index("  # The blue ones"):].startswith(text[text.index("  # The blue"):])
     assert "lean" not in kept[:kept.index("  # The blue ones")]

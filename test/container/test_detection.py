@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Containers of every kind against the simulator's, filled flat: a closed form for V."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Psi: crops that show where points lie to the outer face, and a network that learns from them."""
 
 import numpy as np
@@ -5,12 +6,15 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from stack_counter.container.wall_input import CHANNELS, SIDE, outer_width, wall_crop
 from stack_counter.container.wall_network import (
+    CHANNELS,
+    SIDE,
     WallNet,
-    estimate_wall,
+    estimate_thickness,
     load_wall_net,
+    outer_width,
     save_wall_net,
+    wall_crop,
 )
 from stack_counter.container.wall_shapes import RoundWall
 from stack_counter.errors import ViewError, WeightsError
@@ -50,7 +54,7 @@ def test_a_container_far_outside_is_out_of_sight(seen):
     away = seen[0].with_params(seen[0].params + [50, 0, 0, 0, 0, 0])
     with pytest.raises(ViewError, match="out_of_sight|expected at least"):
         wall_crop(seen[3][0], away, seen[1], 0.0)
-    assert estimate_wall(seen[3], away, seen[1], 0.0, WallNet().eval()) is None
+    assert estimate_thickness(seen[3], away, seen[1], 0.0, WallNet().eval()) is None
 
 
 def test_it_learns_two_thicknesses_apart():
@@ -68,8 +72,8 @@ def test_it_learns_two_thicknesses_apart():
 
 
 def test_it_gives_metres_with_a_spread(seen):
-    thickness, std = estimate_wall(seen[3], seen[0], seen[1], 0.0, WallNet().eval())
-    assert 0 < thickness < outer_width(seen[0]) and std > 0
+    thickness = estimate_thickness(seen[3], seen[0], seen[1], 0.0, WallNet().eval())
+    assert 0 < thickness.mean < outer_width(seen[0]) and thickness.std > 0
 
 
 def test_weights_come_back_or_are_refused(tmp_path):

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses corrected by the support plane that their own pictures show."""
 
 from dataclasses import replace

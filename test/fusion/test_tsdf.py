@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The fused surface against closed forms."""
 
 import numpy as np
@@ -5,7 +6,8 @@ import pytest
 from kits.analytic import Scene
 
 from stack_counter import geometry
-from stack_counter.fusion.tsdf import FusedSurface, Tsdf
+from stack_counter.fusion.surface import FusedSurface
+from stack_counter.fusion.tsdf import Tsdf
 
 
 @pytest.mark.parametrize("turn", [0.0, np.pi / 2, np.pi, 3.9])

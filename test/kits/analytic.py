@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Depth views of boxes, upright cylinders, spheres and the plane z = 0 in closed form."""
 
 from __future__ import annotations

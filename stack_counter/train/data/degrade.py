@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from stack_counter.fusion.voxel_size import voxel_size_for
+from stack_counter.fusion.tsdf import voxel_size_for
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, surface_features
 from stack_counter.train.data.heights import Sample
 

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes a `Container` of a wall: fitted, taught, or configured with size and pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stack_counter import geometry
+from stack_counter.config import ReconstructorConfig
+from stack_counter.container.wall_shapes import BoxWall, RoundWall
+from stack_counter.errors import ScanError
+from stack_counter.fusion.region import Region
+from stack_counter.types import Container, WallShape
+
+
+@dataclass(frozen=True)
+class ConstructionSettings:
+    """How finely a wall is drawn.
+
+    Attributes:
+        levels: number of outlines of a wall, from the support plane to the rim; chosen.
+    """
+
+    levels: int = 17
+
+
+SETTINGS = ConstructionSettings()
+
+
+def container_of_wall(shape: WallShape, thickness: float, height: float, floor: float,
+                      plane_z: float) -> Container:
+    """Makes the container of a wall.
+
+    Args:
+        shape: outer face of the wall, world frame.
+        thickness: of the wall, metres, measured horizontally.
+        height: of the rim above the support plane, metres.
+        floor: thickness of the floor, metres.
+        plane_z: world height of the support plane, metres.
+    """
+    # Frame at the wall's middle on the support plane.
+    (x, y), yaw = shape.center, shape.yaw
+    c, s = np.cos(yaw), np.sin(yaw)
+    T = geometry.pose(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([x, y, plane_z]))
+    # Outlines of the inner wall in that frame, from the support plane to the rim.
+    rings = np.stack([
+        np.pad((shape.ring(height - z, thickness) - [x, y]) @ T[:2, :2], ((0, 0), (0, 1)),
+               constant_values=z)
+        for z in np.linspace(0, height, SETTINGS.levels)])
+    size_x, size_y = np.ptp(rings[-1, :, :2], axis=0)
+    return Container(kind=shape.kind, T_world_container=T,
+                     inner_size_m=(float(size_x), float(size_y), height - floor),
+                     wall_thickness_m=thickness, floor_thickness_m=floor, rings=rings,
+                     wall_shape=shape.in_own_frame())
+
+
+def no_container(region: Region) -> Container:
+    """A heap: the frame stands on the support plane in the middle of the region."""
+    center = (region.low + region.high) / 2
+    return Container("none", geometry.pose(np.eye(3), np.append(center[:2], region.plane_z)))
+
+
+def with_floor(container: Container, floor: float) -> Container:
+    """The container with another floor thickness, metres, below the same rim."""
+    size_x, size_y, depth = container.inner_size_m
+    rim = container.floor_thickness_m + depth
+    return replace(container, floor_thickness_m=floor, inner_size_m=(size_x, size_y, rim - floor))
+
+
+def configured_at_pose(config: ReconstructorConfig, region: Region) -> Container:
+    """Makes the container whose size and pose are both configured.
+
+    Args:
+        config: `container_kind`, `container_xyyaw` and `container_*_m`.
+        region: with the height of the support plane.
+
+    Raises:
+        ScanError: no kind with sizes, or a size is 0.
+    """
+    size = config.container_inner_size_m
+    if not all(size) or config.container_kind == "free":
+        raise ScanError(f"container_kind is {config.container_kind} and container_inner_size_m "
+                        f"{size}; a container whose pose is given needs three sizes above 0 and "
+                        "the kind box or round")
+    (x, y, yaw), wall = config.container_xyyaw, config.container_wall_m
+    shape: WallShape = BoxWall(np.array([x, y, yaw, size[0] + 2 * wall, size[1] + 2 * wall, 0.0]))
+    if config.container_kind == "round":
+        shape = RoundWall(np.array([x, y, size[0] / 2 + wall, 0.0, 0.0]))
+    floor = config.container_floor_m or wall
+    return container_of_wall(shape, wall, floor + size[2], floor, region.plane_z)
+
+
+def container_of_fit(shape: WallShape, thickness: float, height: float, region: Region,
+                     config: ReconstructorConfig) -> Container:
+    """Makes the container of a fitted wall; configured sizes replace the fitted ones.
+
+    Args:
+        shape: fitted outer face, world frame.
+        thickness: of the wall, metres, measured horizontally.
+        height: of the rim above the support plane, metres.
+        region: with the height of the support plane.
+        config: `container_inner_size_m` and `container_floor_m`; zeros are measured.
+    """
+    size = config.container_inner_size_m
+    # Horizontal size at the rim.
+    if size[0] and isinstance(shape, BoxWall):
+        shape = _with_outer_size(shape, np.array(size[:2]) + 2 * thickness)
+    if size[0] and isinstance(shape, RoundWall):
+        shape = RoundWall(np.array([*shape.params[:2], size[0] / 2 + thickness,
+                                    *shape.params[3:]]))
+    # Floor, as thick as the wall where nothing says it, and depth.
+    floor = config.container_floor_m or thickness
+    if size[2]:
+        floor = config.container_floor_m or max(height - size[2], 0.0)
+        height = floor + size[2]
+    return container_of_wall(shape, thickness, height, floor, region.plane_z)
+
+
+def _with_outer_size(shape: BoxWall, size: np.ndarray) -> BoxWall:
+    """The box with sides of `size` (2,), metres, the longer one where the longer one was found."""
+    x, y, yaw, a, b, draft = shape.params
+    if (size[0] > size[1]) != (a > b):
+        yaw += np.pi / 2
+    return BoxWall(np.array([x, y, yaw, *size, draft]))
