@@ -29,7 +29,7 @@ test: lint
 	$(IN_VENV) .venv/bin/python -m pytest
 
 soak: setup
-	$(IN_VENV) .venv/bin/python test/nodes/soak.py
+	$(IN_VENV) PYTHONPATH="test:$$PYTHONPATH" .venv/bin/python test/nodes/soak.py
 
 clean:
 	rm -rf .venv build install log dist *.egg-info .pytest_cache .ruff_cache .mypy_cache out

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many scans in a row, and every node killed in every state; prints what it measured. `make soak`
 
-    python test/nodes/soak.py [--scans 200]
+    PYTHONPATH=test python test/nodes/soak.py [--scans 200]
 """
 
 from __future__ import annotations
