@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Views on their way to the reconstructor: one scan after the other, a few views at a time."""
 
 from __future__ import annotations
@@ -7,26 +8,41 @@ from dataclasses import dataclass, field
 
 from stack_counter.types import View, ViewTally
 
-_IN_FLIGHT = 4  # sent, and not yet reported as processed
-_WAITING = 60  # of a camera, kept for a reconstructor that is slower
-_SCANS = 20  # scans kept, of which all but the first wait
+
+@dataclass(frozen=True)
+class ScanQueueSettings:
+    """How much is kept for a reconstructor that is slower than the cameras; all chosen.
+
+    Attributes:
+        in_flight: views that may be sent and not yet reported as processed.
+        waiting_of_camera: views of one camera that may wait.
+        scans: scans that are kept; all but the first wait.
+    """
+
+    in_flight: int = 4
+    waiting_of_camera: int = 60
+    scans: int = 20
 
 
-@dataclass
+SETTINGS = ScanQueueSettings()
+
+
+@dataclass(eq=False)
 class QueuedScan:
-    """One scan: what it is of, its views that wait, and how far it is.
+    """One scan: its part, its views that wait, and how far it is.
 
     Attributes:
         scan_id, part, unit_volume: as in `PosedImage`.
         waiting: camera names and views that are not sent yet.
-        sent, processed: of its views; `processed` as the reconstructor says.
+        sent: number of its views that were sent.
+        processed: number of its views that the reconstructor reports as received.
         closed: no more views will come.
-        missing: cameras that gave none.
-        tally: of its images; of an open scan as of now.
-        lost: views of it that were given up, by reason.
-        newest_only: of each camera only the newest view waits, and only one is on its way: who
-            follows what happens wants no old pictures.
-        reported: the reconstructor has been told how many views there are.
+        missing: cameras that gave no view.
+        tally: tally of its images once it is closed.
+        lost: number of its views that were given up, by reason.
+        newest_only: only the newest view of each camera waits, and only one is on its way, as
+            live counts need no old pictures.
+        reported: its end has been announced to the reconstructor.
     """
 
     scan_id: str
@@ -44,15 +60,19 @@ class QueuedScan:
 
     @property
     def views(self) -> int:
-        """Of it that reach the reconstructor."""
+        """Number of views of this scan that will reach the reconstructor."""
         return self.sent + len(self.waiting)
 
     def add(self, camera: str, view: View) -> View | None:
-        """One more view; the oldest one of its camera goes, and is returned, if there are too
-        many."""
+        """Queues one more view.
+
+        Returns:
+            The oldest waiting view of the same camera, which is dropped if there are too many;
+            else None.
+        """
         self.waiting.append((camera, view))
         same = [item for item in self.waiting if item[0] == camera]
-        if len(same) > (1 if self.newest_only else _WAITING):
+        if len(same) > (1 if self.newest_only else SETTINGS.waiting_of_camera):
             self.waiting = deque(item for item in self.waiting if item is not same[0])
             self.lost["superseded" if self.newest_only else "overrun"] += 1
             return same[0][1]
@@ -61,7 +81,7 @@ class QueuedScan:
     @property
     def has_room(self) -> bool:
         """Whether another view may be sent."""
-        return self.sent - self.processed < (1 if self.newest_only else _IN_FLIGHT)
+        return self.sent - self.processed < (1 if self.newest_only else SETTINGS.in_flight)
 
 
 class ScanQueue:
@@ -72,28 +92,31 @@ class ScanQueue:
 
     @property
     def first(self) -> QueuedScan | None:
-        """The scan that is being sent."""
+        """The scan whose views are being sent; None if there is none."""
         return self._scans[0] if self._scans else None
 
     def __len__(self) -> int:
         return len(self._scans)
 
     def open(self, scan: QueuedScan) -> list[QueuedScan]:
-        """Queues a scan; returns those that were given up for it."""
+        """Queues a scan and returns those that are given up for it."""
         self._scans.append(scan)
         dropped = []
-        while len(self._scans) > _SCANS:
+        while len(self._scans) > SETTINGS.scans:
             dropped.append(self._scans[1])
             del self._scans[1]
         return dropped
 
     def finished(self, scan_id: str) -> None:
-        """The reconstructor is done with a scan."""
+        """Removes a scan that the reconstructor is done with."""
         while self._scans and self._scans[0].closed and self._scans[0].scan_id == scan_id:
             self._scans.popleft()
 
     def due(self) -> tuple[QueuedScan, str, View] | None:
-        """The next view to send, if there is room for it."""
+        """Takes the next view to send out of the queue: its scan, camera and image.
+
+        None where no view waits, or the reconstructor has no room.
+        """
         scan = self.first
         if scan is None or not scan.waiting or not scan.has_room:
             return None

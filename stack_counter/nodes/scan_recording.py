@@ -1,4 +1,5 @@
-"""What the collector hears, handed to the recorder: scans that can be replayed."""
+# SPDX-License-Identifier: Apache-2.0
+"""The collector's messages, handed to the recorder: scans that can be replayed."""
 
 from __future__ import annotations
 
@@ -19,22 +20,22 @@ from stack_counter.nodes.scan_queue import QueuedScan
 from stack_counter.types import View
 from stack_counter.views import decoding
 
-_KINDS = {kind: f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
+_RECORDED_TYPES = {kind: f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
           for kind in (CameraInfo, CompressedImage, Image, PoseStamped, TFMessage)}
 
 
 class ScanRecording:
-    """Records scans if a folder is configured; else every call does nothing."""
+    """Records scans if a folder is configured; otherwise every call does nothing."""
 
     def __init__(self) -> None:
         self._recorder: Recorder | None = None
         self._overrun: list[tuple[str, int]] = []
 
     def configure(self, config: CollectorConfig, warn: Callable[[str], object]) -> None:
-        """Begins to remember what the first scan will need.
+        """Begins to keep what the first scan will need: transforms and calibration.
 
         Raises:
-            ConfigError: as `Recorder`.
+            ConfigError: the folder cannot be written.
         """
         self.close()
         if config.record_folder:
@@ -43,23 +44,23 @@ class ScanRecording:
 
     def tap(self, kind: type, topic: str, callback: Callable[[Any], None]
             ) -> Callable[[Any], None]:
-        """The callback of a topic, with the recorder before it where it is one of a scan's."""
-        if self._recorder is None or kind not in _KINDS:
+        """Returns a topic's callback, with the recorder before it where scans need the topic."""
+        if self._recorder is None or kind not in _RECORDED_TYPES:
             return callback
         take = self._recorder.take
 
-        def tapped(message: Any) -> None:
+        def record_and_call(message: Any) -> None:
             # Raw subscriptions would spare the serialisation (0.05 ms for 640x480 in colour), but
             # taking raw messages costs 1.6 ms more than taking others.
             data = serialize_message(message)
-            take(Received(topic, _KINDS[kind], data, _stamp_ns(message), time.time_ns()),
-                 _key(message, topic))
+            take(Received(topic, _RECORDED_TYPES[kind], data, _stamp_ns(message), time.time_ns()),
+                 _replacement_key(message, topic))
             callback(message)
 
-        return tapped
+        return record_and_call
 
     def start(self, scan: QueuedScan) -> None:
-        """A scan begins."""
+        """Begins the recording of a scan."""
         self._overrun = []
         if self._recorder is not None:
             self._recorder.start({"scan_id": scan.scan_id, "part": scan.part,
@@ -67,11 +68,11 @@ class ScanRecording:
                                   "version": __version__})
 
     def overrun(self, view: View) -> None:
-        """The scan has no time for a view: replay must not count it either."""
+        """Notes a view that the scan had no time for: replay must not count it either."""
         self._overrun.append((view.camera, view.stamp_ns))
 
     def stop(self, ended: str) -> None:
-        """The scan, if one is open, has ended."""
+        """Ends the recording of the open scan, if there is one; `ended` says why it ended."""
         if self._recorder is not None:
             self._recorder.stop(ended, self._overrun)
 
@@ -89,8 +90,8 @@ def _stamp_ns(message: Any) -> int:
     return decoding.stamp_ns(message.header.stamp)
 
 
-def _key(message: Any, topic: str) -> Hashable:
-    """What a later message must have in common to replace this one; None: nothing can."""
+def _replacement_key(message: Any, topic: str) -> Hashable:
+    """Key that a later message shares if it replaces this one; None where none can."""
     if isinstance(message, CameraInfo):
         return topic
     if isinstance(message, TFMessage) and topic == "/tf_static":
