@@ -18,13 +18,14 @@ from stack_counter.errors import ScanError, ViewError
 from stack_counter.fusion.depth_filter import clip_depth
 from stack_counter.fusion.depth_fusion import DepthFusion
 from stack_counter.fusion.region import Region, find_region, seen_from_one_side
+from stack_counter.reconstruction.integral import MeasuredStack
 from stack_counter.reconstruction.key_view import find_key_view
 from stack_counter.reconstruction.plausibility import (
     check_agreement,
     second_container,
     stack_leaves_every_image,
 )
-from stack_counter.reconstruction.stack_volume import MeasuredStack, measure_stack
+from stack_counter.reconstruction.stack_volume import measure_stack
 from stack_counter.reconstruction.view_memory import ViewMemory
 from stack_counter.segmentation import Segmenter
 from stack_counter.segmentation.from_container import Geometric
@@ -56,6 +57,7 @@ class DepthReconstruction:
         refused_late: errors of views that were kept at first and refused once the region was
             known.
         segmenter: labels the views; from the first `measure` on by the container found.
+        stack: what the last `measure` integrated; None before.
     """
 
     def __init__(self, config: ReconstructorConfig, unit_volume: float = 0.0):
@@ -68,6 +70,7 @@ class DepthReconstruction:
         self._label_images_given = False
         self.refused_late: list[ViewError] = []
         self.segmenter: Segmenter = GivenLabels()
+        self.stack: MeasuredStack | None = None
 
     @property
     def views(self) -> list[View]:
@@ -144,6 +147,7 @@ class DepthReconstruction:
         one_side = seen_from_one_side(views, region)
         stack = measure_stack(surface, found.container, region, voxel_size,
                               taught is not None or config.container_floor_m > 0, one_side)
+        self.stack = stack
         self.segmenter = GivenLabels() if self._label_images_given \
             else Geometric(stack.container, region)
         return StackVolume(

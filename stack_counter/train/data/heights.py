@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, make_maps
-from stack_counter.reconstruction.stack_volume import filled
+from stack_counter.reconstruction.integral import fill_unknown_cells
 from stack_counter.sim import Scene, ideal_surface, read_shard
 
 _STEPS = 500  # of a height in l, as kept
@@ -83,7 +83,8 @@ def sample(scene: Scene) -> Sample:
     random = np.random.default_rng([scene.seed, scene.index, 0x5EE])
     seen = seen_by_arc(top, valid, scene.container.rim_height_m / length, random)
     if seen.any():
-        top = np.where(valid, filled(np.where(seen, top, np.nan), seen), 0).astype(np.float32)
+        top = fill_unknown_cells(np.where(seen, top, np.nan), seen)
+        top = np.where(valid, top, 0).astype(np.float32)
     maps = make_maps(top, surface.inner, valid, walled=scene.container.kind != "none")
     return Sample(maps, scene.truth.gamma, form_of(scene), length, f"{scene.seed}:{scene.index}",
                   scene.shape.family, scene.container.kind, scene.truth.count, scene.truth.fill)
