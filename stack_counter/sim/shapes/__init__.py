@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Training parts: watertight single solids of families that robot cells handle.
 
 Kept out, since they test how well the count carries over to unseen families: threaded fasteners,
@@ -29,15 +30,17 @@ FAMILIES: dict[str, Callable[[np.random.Generator], Manifold]] = {
         bent.crank, bent.saddle, bent.corrugated,
         free.blobs, free.csg, free.extruded, free.revolved, free.tetrapod, free.burr)}
 
-SIZES_M = (0.015, 0.045)  # part sizes of the simulated parts
+# Range of the part sizes of simulated parts, metres; further draws of a generator that fails.
+# Both chosen.
+SIZES_M = (0.015, 0.045)
 _RETRIES = 5
 
 
 def make_shape(seed: int, family: str | None = None) -> Shape:
-    """A random part of 15 to 45 mm; the same for the same seed and family.
+    """Draws a random part of 15 to 45 mm; the same for the same seed and family.
 
     Args:
-        seed: of the random stream.
+        seed: seed of the random stream.
         family: a key of FAMILIES; None draws one.
 
     Raises:
@@ -50,13 +53,14 @@ def make_shape(seed: int, family: str | None = None) -> Shape:
         raise ShapeError(f"unknown family '{family}'; expected one of {sorted(FAMILIES)}")
     for _ in range(_RETRIES):
         try:
-            return _draw(random, seed, family)
+            return _draw_shape(random, seed, family)
         except ShapeError:
             continue  # the stream goes on with other numbers
-    return _draw(random, seed, family)
+    return _draw_shape(random, seed, family)
 
 
-def _draw(random: np.random.Generator, seed: int, family: str) -> Shape:
+def _draw_shape(random: np.random.Generator, seed: int, family: str) -> Shape:
+    """One draw of a family, scaled to a random size."""
     raw = FAMILIES[family](random).to_mesh64()
     size = random.uniform(*SIZES_M)
     return shape_from_mesh(raw.vert_properties[:, :3], raw.tri_verts, family, seed, size)

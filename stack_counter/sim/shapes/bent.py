@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Families of bent wire, pipe, strip and sheet."""
 
 from __future__ import annotations
@@ -8,48 +9,50 @@ from manifold3d import CrossSection, Manifold
 from stack_counter.sim.shapes.solids import bar, box, direction, polygon, sweep, union
 
 
-def elbow(r: np.random.Generator) -> Manifold:
+def elbow(random: np.random.Generator) -> Manifold:
     """A bent rod or pipe of a round or square section."""
-    thin = r.uniform(0.08, 0.26)
-    sides = int(r.choice([4, 16, 16]))
+    thin = random.uniform(0.08, 0.26)
+    sides = int(random.choice([4, 16, 16]))
     section = CrossSection.circle(thin, sides)
-    if r.random() < 0.6:
-        section -= CrossSection.circle(thin * r.uniform(0.4, 0.7), sides)
-    bend, turn = r.uniform(1.15, 3) * thin, r.uniform(45, 180)
+    if random.random() < 0.6:
+        section -= CrossSection.circle(thin * random.uniform(0.4, 0.7), sides)
+    bend, turn = random.uniform(1.15, 3) * thin, random.uniform(45, 180)
     return section.translate([bend, 0]).revolve(int(turn / 10), turn)
 
 
-def c_ring(r: np.random.Generator) -> Manifold:
+def c_ring(random: np.random.Generator) -> Manifold:
     """An open ring: a circlip, a clamp, a split sleeve."""
-    wall = r.uniform(0.05, 0.16)
-    section = CrossSection.circle(wall / 2, 10) if r.random() < 0.35 \
-        else CrossSection.square([wall, r.uniform(0.05, 0.8)], True)
-    return section.translate([0.5 - wall / 2, 0]).revolve(36, r.uniform(210, 335))
+    wall = random.uniform(0.05, 0.16)
+    section = CrossSection.circle(wall / 2, 10) if random.random() < 0.35 \
+        else CrossSection.square([wall, random.uniform(0.05, 0.8)], True)
+    return section.translate([0.5 - wall / 2, 0]).revolve(36, random.uniform(210, 335))
 
 
-def arch(r: np.random.Generator) -> Manifold:
+def arch(random: np.random.Generator) -> Manifold:
     """A part of a pipe's wall: a tile, a bearing shell, a segment."""
-    wall, outer = r.uniform(0.06, 0.3), r.uniform(0.5, 1)
-    section = CrossSection.square([wall, r.uniform(0.15, 1)], True)
-    return section.translate([outer - wall / 2, 0]).revolve(36, r.uniform(40, 150))
+    wall, outer = random.uniform(0.06, 0.3), random.uniform(0.5, 1)
+    section = CrossSection.square([wall, random.uniform(0.15, 1)], True)
+    return section.translate([outer - wall / 2, 0]).revolve(36, random.uniform(40, 150))
 
 
-def helix(r: np.random.Generator) -> Manifold:
+def helix(random: np.random.Generator) -> Manifold:
     """A coil spring of 1.5 to 6 turns, some conical."""
-    turns, wire = r.uniform(1.5, 6), r.uniform(0.03, 0.09)
-    radius, pitch = r.uniform(max(0.13, 2.2 * wire), 0.45), wire * r.uniform(2.4, 5)
+    turns, wire = random.uniform(1.5, 6), random.uniform(0.03, 0.09)
+    radius, pitch = random.uniform(max(0.13, 2.2 * wire), 0.45), wire * random.uniform(2.4, 5)
     t = np.linspace(0, turns, int(13 * turns))
-    reach = radius * (1 - r.uniform(0, 0.5) * (r.random() < 0.3) * t / turns)
+    reach = radius * (1 - random.uniform(0, 0.5) * (random.random() < 0.3) * t / turns)
     angle = 2 * np.pi * t
     path = np.stack([reach * np.cos(angle), reach * np.sin(angle), pitch * t], axis=1)
     return sweep(CrossSection.circle(wire, 7), path)
 
 
-def ribbon(r: np.random.Generator) -> Manifold:
+def ribbon(random: np.random.Generator) -> Manifold:
     """A twisted strip or bar."""
-    width = r.uniform(0.12, 0.45)
-    turn = r.choice([-1, 1]) * r.uniform(1.2, min(7, 2 / width))  # radians; more would thin it
-    strip = box(width, r.uniform(0.05, 0.06 + width / 2), 1).refine_to_length(0.09)
+    width = random.uniform(0.12, 0.45)
+    turn = random.choice([-1, 1]) * random.uniform(
+        1.2, min(7, 2 / width)
+    )  # radians; more would thin it
+    strip = box(width, random.uniform(0.05, 0.06 + width / 2), 1).refine_to_length(0.09)
 
     def twist(p: np.ndarray) -> np.ndarray:
         (x, y, z), c, s = p.T, np.cos(turn * p[:, 2]), np.sin(turn * p[:, 2])
@@ -68,26 +71,30 @@ def _track(*legs: tuple[float, float]) -> np.ndarray:
     return np.vstack([np.zeros(3), np.cumsum(moves, axis=0)])
 
 
-def hook(r: np.random.Generator) -> Manifold:
+def hook(random: np.random.Generator) -> Manifold:
     """A J, S or eye hook of round wire or flat strip."""
-    wire, turn, long = r.uniform(0.03, 0.07), r.uniform(150, 230), r.uniform(0.2, 0.8)
-    bend, eye = r.uniform(3.2, 6, 2) * wire
+    wire, turn, long = (
+        random.uniform(0.03, 0.07),
+        random.uniform(150, 230),
+        random.uniform(0.2, 0.8),
+    )
+    bend, eye = random.uniform(3.2, 6, 2) * wire
     arc = bend * np.radians(turn)
-    kind = int(r.integers(3))
+    kind = int(random.integers(3))
     path = [lambda: _track((long, 0), (arc, turn)),
             lambda: _track((arc, turn), (long / 2, 0), (eye * np.radians(turn), -turn)),
             lambda: _track((eye * np.radians(270), -270), (long / 2, 0), (arc, turn))][kind]()
-    section = CrossSection.circle(wire, 8) if r.random() < 0.7 \
-        else CrossSection.square([wire * 1.4, r.uniform(0.1, 0.3)], True)
+    section = CrossSection.circle(wire, 8) if random.random() < 0.7 \
+        else CrossSection.square([wire * 1.4, random.uniform(0.1, 0.3)], True)
     return sweep(section, path)
 
 
-def link(r: np.random.Generator) -> Manifold:
+def link(random: np.random.Generator) -> Manifold:
     """A chain link: a ring pulled long, some twisted."""
-    wire, gap = r.uniform(0.05, 0.12), r.uniform(0.05, 0.2)
+    wire, gap = random.uniform(0.05, 0.12), random.uniform(0.05, 0.2)
     ring = CrossSection.circle(wire, 10).translate([gap + wire, 0]).revolve(24)
-    half = r.uniform(0.1, 0.5)
-    twist = r.uniform(0.2, 0.6) * (r.random() < 0.3)
+    half = random.uniform(0.1, 0.5)
+    twist = random.uniform(0.2, 0.6) * (random.random() < 0.3)
 
     def pull(p: np.ndarray) -> np.ndarray:
         x = p[:, 0] + half * np.clip(p[:, 0] / gap * 3, -1, 1)
@@ -97,31 +104,31 @@ def link(r: np.random.Generator) -> Manifold:
     return ring.warp_batch(pull)
 
 
-def crank(r: np.random.Generator) -> Manifold:
+def crank(random: np.random.Generator) -> Manifold:
     """A rod bent sharply in space, two to four legs."""
-    radius, at = r.uniform(0.05, 0.1), [np.zeros(3)]
-    for _ in range(r.integers(2, 5)):
-        at.append(at[-1] + direction(r) * r.uniform(0.3, 0.7))
+    radius, at = random.uniform(0.05, 0.1), [np.zeros(3)]
+    for _ in range(random.integers(2, 5)):
+        at.append(at[-1] + direction(random) * random.uniform(0.3, 0.7))
     return union([bar(a, b, radius, radius, 10) for a, b in zip(at, at[1:], strict=False)])
 
 
-def saddle(r: np.random.Generator) -> Manifold:
+def saddle(random: np.random.Generator) -> Manifold:
     """A bowed sheet: a crisp, a dish or a roof tile."""
-    width, thick = r.uniform(0.4, 1), r.uniform(0.06, 0.14)
-    bow = r.uniform(-0.9, 0.9, 2)
-    sheet = CrossSection.circle(0.5, 24).extrude(thick, 0) if r.random() < 0.5 \
+    width, thick = random.uniform(0.4, 1), random.uniform(0.06, 0.14)
+    bow = random.uniform(-0.9, 0.9, 2)
+    sheet = CrossSection.circle(0.5, 24).extrude(thick, 0) if random.random() < 0.5 \
         else CrossSection.square([1, 1], True).extrude(thick)
     sheet = sheet.refine_to_length(0.17).scale([1, width, 1])
     return sheet.warp_batch(lambda p: p + [0, 0, 1] * (p[:, :2]**2 @ bow)[:, None])
 
 
-def corrugated(r: np.random.Generator) -> Manifold:
+def corrugated(random: np.random.Generator) -> Manifold:
     """A sheet bent in three to six waves, round or sharp (one would be a Z or U)."""
-    waves, thick = int(r.integers(3, 7)), r.uniform(0.045, 0.08)
-    height = r.uniform(0.25, 0.8) / waves
-    x = np.linspace(0, 1, waves * int(r.choice([2, 8])) + 1)
+    waves, thick = int(random.integers(3, 7)), random.uniform(0.045, 0.08)
+    height = random.uniform(0.25, 0.8) / waves
+    x = np.linspace(0, 1, waves * int(random.choice([2, 8])) + 1)
     y = height / 2 * np.cos(2 * np.pi * waves * x)
     slope = np.hypot(1, np.pi * height * waves)  # keeps the slopes thick enough
     low = np.stack([x, y], axis=1)
     outline = np.vstack([low, (low + [0, thick * slope])[::-1]])
-    return polygon(outline).extrude(r.uniform(0.15, 1))
+    return polygon(outline).extrude(random.uniform(0.15, 1))

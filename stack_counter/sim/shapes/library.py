@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shapes from a file, such as the unseen test set `data/unseen/shapes.npz`."""
 
 from __future__ import annotations
@@ -12,24 +13,25 @@ import numpy as np
 from stack_counter.sim.shapes.shape import Shape, ShapeError, shape_from_mesh
 
 
-def save_shapes(path: str | Path, shapes: list[Shape], **more: np.ndarray) -> None:
+def save_shapes(path: str | Path, shapes: list[Shape], **extra: np.ndarray) -> None:
     """Writes shapes as `load_shapes` reads them, behind further arrays of the caller's."""
     np.savez_compressed(
-        path, **more, families=np.array([s.family for s in shapes]),
+        path, **extra, families=np.array([s.family for s in shapes]),
         vertex_offsets=np.cumsum([0] + [len(s.vertices) for s in shapes], dtype=np.int64),
         face_offsets=np.cumsum([0] + [len(s.faces) for s in shapes], dtype=np.int64),
         vertices=np.concatenate([s.vertices for s in shapes]).astype(np.float32),
         faces=np.concatenate([s.faces for s in shapes]).astype(np.int32))
 
 
-def write_library(out: Path, checked: Callable[[str, int], Shape], families: Iterable[str],
-                  variants: range) -> None:
-    """Writes all parts that `checked` makes of a family and a variant; says which it refuses."""
+def write_library(out: Path, make_checked: Callable[[str, int], Shape],
+                  families: Iterable[str], variants: range) -> None:
+    """Writes all parts that `make_checked` makes of a family and a variant, and prints which of
+    them it refuses."""
     shapes, refused = [], 0
     for family in families:
         for variant in variants:
             try:
-                shapes.append(checked(family, variant))
+                shapes.append(make_checked(family, variant))
             except ShapeError as error:
                 refused += 1
                 print(f"refused {family} {variant}: {error}")

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One part as a checked mesh, and the measures of its form."""
 
 from __future__ import annotations
@@ -10,13 +11,27 @@ import trimesh
 
 from stack_counter.errors import StackCounterError
 
-MAX_FACES = 20_000
-SIZES_M = (0.001, 0.5)  # part sizes that a robot cell handles
-MIN_FILL = 1e-4  # least V / part_size**3; less is a sheet without thickness
-
-# Maximum of kappa / diagonal over `make_shape(seed)` for seeds 0..1999, the training families:
-# kappa_0 of the paper's section 4.5.
+# kappa_0 of the paper's section 4.5: the maximum of kappa / diagonal over `make_shape(seed)` for
+# seeds 0 to 1999, the training families.
 REFERENCE_CURVATURE = 36.6
+
+
+@dataclass(frozen=True)
+class ShapeSettings:
+    """Which meshes are parts; chosen.
+
+    Attributes:
+        max_faces: largest number of faces.
+        sizes_m: part sizes that a robot cell handles, metres.
+        min_fill: least V / part_size**3; less is a sheet without thickness.
+    """
+
+    max_faces: int = 20_000
+    sizes_m: tuple[float, float] = (0.001, 0.5)
+    min_fill: float = 1e-4
+
+
+SETTINGS = ShapeSettings()
 
 
 class ShapeError(StackCounterError):
@@ -106,23 +121,25 @@ def shape_from_mesh(vertices: np.ndarray, faces: np.ndarray, family: str, seed: 
 
 
 def _check_arrays(vertices: np.ndarray, faces: np.ndarray, family: str) -> None:
+    """Refuses arrays of other shapes than (n, 3), too many faces, and bad values."""
     for name, array in (("vertices", vertices), ("faces", faces)):
         if array.ndim != 2 or array.shape[1] != 3 or not len(array):
             raise ShapeError(f"{family}: {name} have shape {array.shape}; expected (n, 3), n > 0")
-    if len(faces) > MAX_FACES:
-        raise ShapeError(f"{family}: {len(faces)} faces; expected at most {MAX_FACES}")
+    if len(faces) > SETTINGS.max_faces:
+        raise ShapeError(f"{family}: {len(faces)} faces; expected at most {SETTINGS.max_faces}")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise ShapeError(f"{family}: face indices {faces.min()} to {faces.max()}; "
                          f"expected 0 to {len(vertices) - 1}")
-    bad = int((~np.isfinite(vertices).all(axis=1)).sum())
-    if bad:
-        raise ShapeError(f"{family}: {bad} of {len(vertices)} vertices are NaN or infinite; "
+    invalid = int((~np.isfinite(vertices).all(axis=1)).sum())
+    if invalid:
+        raise ShapeError(f"{family}: {invalid} of {len(vertices)} vertices are NaN or infinite; "
                          "expected finite coordinates")
 
 
 def _check_solid(mesh: trimesh.Trimesh, family: str) -> None:
+    """Refuses what is not one closed body of a plausible size, its faces seen from outside."""
     size = float(mesh.extents.max())
-    low, high = SIZES_M
+    low, high = SETTINGS.sizes_m
     if not low <= size <= high:
         raise ShapeError(f"{family}: part size {size:.4g} m; expected {low} to {high} m")
     if not mesh.is_watertight:
@@ -131,8 +148,9 @@ def _check_solid(mesh: trimesh.Trimesh, family: str) -> None:
                          "expected a watertight mesh with none")
     if mesh.body_count != 1:
         raise ShapeError(f"{family}: {mesh.body_count} bodies; expected 1")
-    if not mesh.is_winding_consistent or mesh.volume < MIN_FILL * size**3:
+    least_volume = SETTINGS.min_fill * size**3
+    if not mesh.is_winding_consistent or mesh.volume < least_volume:
         raise ShapeError(
             f"{family}: volume {mesh.volume:.4g} m3, winding consistent "
-            f"{mesh.is_winding_consistent}; expected at least {MIN_FILL * size**3:.4g} m3 with "
-            "every face counter-clockwise from outside")
+            f"{mesh.is_winding_consistent}; expected at least {least_volume:.4g} m3 with every "
+            "face counter-clockwise from outside")

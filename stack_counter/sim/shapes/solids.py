@@ -1,15 +1,17 @@
-"""Few lines on manifold3d that several families share. Lengths are in part sizes, about 1."""
+# SPDX-License-Identifier: Apache-2.0
+"""Solids by manifold3d that several families share. Lengths are in part sizes, about 1."""
 
 from __future__ import annotations
 
 import numpy as np
 from manifold3d import CrossSection, Manifold, OpType
 
-SIDES = 28  # segments of a circle
+# Segments of a circle; chosen.
+SIDES = 28
 
 
 def box(*size: float) -> Manifold:
-    """A box about the origin."""
+    """A box of three sides about the origin."""
     return Manifold.cube(size, True)
 
 
@@ -29,7 +31,7 @@ def polar(radii: np.ndarray, angles: np.ndarray) -> np.ndarray:
 
 
 def union(solids: list[Manifold]) -> Manifold:
-    """All of them as one."""
+    """The union of all solids."""
     return Manifold.batch_boolean(solids, OpType.Add)
 
 
@@ -38,19 +40,19 @@ def largest(solid: Manifold) -> Manifold:
     return max(solid.decompose(), key=Manifold.volume, default=solid)
 
 
-def rotated(solid: Manifold, r: np.random.Generator) -> Manifold:
+def rotated(solid: Manifold, random: np.random.Generator) -> Manifold:
     """The solid at a random attitude."""
-    return solid.rotate(r.uniform(0, 360, 3))
+    return solid.rotate(random.uniform(0, 360, 3))
 
 
-def direction(r: np.random.Generator) -> np.ndarray:
+def direction(random: np.random.Generator) -> np.ndarray:
     """(3,) random unit vector."""
-    v = r.normal(size=3)
+    v = random.normal(size=3)
     return v / np.linalg.norm(v)
 
 
 def bar(a: np.ndarray, b: np.ndarray, radius_a: float, radius_b: float, sides: int) -> Manifold:
-    """The hull of two balls."""
+    """The hull of two balls: at point a (3,) with radius_a, and at b."""
     return Manifold.batch_hull([Manifold.sphere(radius_a, sides).translate(a),
                                 Manifold.sphere(radius_b, sides).translate(b)])
 
