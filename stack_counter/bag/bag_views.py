@@ -11,7 +11,8 @@ from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
 from stack_counter.types import View
-from stack_counter.views.rig import Rig, RigAssembler, load_rig
+from stack_counter.views.rig import Rig, load_rig
+from stack_counter.views.rig_assembler import RigAssembler
 
 LABELS_TOPIC = "/camera/labels"
 _TF_TOPICS = ("/tf", "/tf_static")
@@ -90,7 +91,7 @@ def fit_rig_to_bag(rig: Rig, topics: dict[str, tuple[str, int]]) -> Rig:
 
 def subscribed_topics(assembler: RigAssembler) -> list[str]:
     """Topics that a collector of these cameras subscribes to."""
-    return [*assembler.takers(), *(_TF_TOPICS if assembler.needs_tf else ())]
+    return [*assembler.topic_handlers(), *(_TF_TOPICS if assembler.needs_tf else ())]
 
 
 def read_views(reader: BagReader, assembler: RigAssembler) -> Iterator[tuple[str, View]]:
@@ -102,7 +103,7 @@ def read_views(reader: BagReader, assembler: RigAssembler) -> Iterator[tuple[str
     Raises:
         BagError: a message does not decode.
     """
-    handlers = assembler.takers()
+    handlers = assembler.topic_handlers()
     for record in reader.records(set(subscribed_topics(assembler))):
         try:
             message = record.decode()

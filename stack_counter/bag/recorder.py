@@ -26,7 +26,7 @@ from stack_counter.bag.scan_file import (
     finished_recordings,
 )
 from stack_counter.errors import ConfigError
-from stack_counter.views.tf_buffer import KEEP_NS
+from stack_counter.views import tf_buffer
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ class _MessageHistory:
             self._latest[key] = message
             return
         self._samples.append(message)
-        while self._samples[0].received_ns < message.received_ns - KEEP_NS:
+        while self._samples[0].received_ns < message.received_ns - tf_buffer.SETTINGS.kept_ns:
             self._samples.popleft()
 
     def messages(self) -> list[Received]:

@@ -238,7 +238,7 @@ def measure_cycles(stack: StackCounter, bag: BagViews, unit_volume: float,
                     stack.add_view(cycle.views[name])
                     on_view()
         try:
-            yield MeasuredCycle(stack.volume().without(grouper.missing(cycle)))
+            yield MeasuredCycle(stack.volume().without(grouper.missing_cameras(cycle)))
         except ScanError as error:
             yield MeasuredCycle(None, f"cycle at {cycle.stamp_ns} ns: {error}")
 
@@ -248,7 +248,7 @@ def grouped_cycles(views: Iterable[tuple[str, View]], grouper: CycleGrouper) -> 
     for name, view in views:
         with suppress(ViewError):
             yield from grouper.add(name, view)
-    yield from grouper.flush()
+    yield from grouper.close_all()
 
 
 def count_entry(count: StackCount) -> dict[str, Any]:

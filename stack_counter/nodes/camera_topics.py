@@ -16,7 +16,7 @@ from stack_counter.ros.diagnostics import WARN, Rate
 from stack_counter.ros.lifecycle import ManagedNode
 from stack_counter.ros.qos import RELIABLE
 from stack_counter.views.decoding import stamp_ns
-from stack_counter.views.rig import RigAssembler
+from stack_counter.views.rig_assembler import RigAssembler
 
 _SILENT_AFTER_S = 2.0  # an operator should look
 _SENSOR_DEPTH, _TF_DEPTH, _STATIC_TF_DEPTH = 30, 1000, 100
@@ -77,7 +77,7 @@ class CameraTopics:
     def _subscribe_to_cameras(self, reliable: bool) -> None:
         sensor = QoSProfile(depth=_SENSOR_DEPTH, reliability=ReliabilityPolicy.RELIABLE
                             if reliable else ReliabilityPolicy.BEST_EFFORT)
-        for topic, handlers in self._assembler.takers().items():
+        for topic, handlers in self._assembler.topic_handlers().items():
             content = handlers[0][0]
             kinds = {"color": CompressedImage if topic.endswith("/compressed") else Image,
                      "info": CameraInfo, "pose": PoseStamped}

@@ -28,7 +28,8 @@ from stack_counter.ros.diagnostics import WARN
 from stack_counter.ros.lifecycle import ManagedNode, run
 from stack_counter.ros.qos import RELIABLE
 from stack_counter.ros.standard_messages import to_header
-from stack_counter.views.rig import RigAssembler, load_rig
+from stack_counter.views.rig import load_rig
+from stack_counter.views.rig_assembler import RigAssembler
 
 
 class Collector(ManagedNode[CollectorConfig]):
@@ -62,8 +63,8 @@ class Collector(ManagedNode[CollectorConfig]):
     def apply_runtime_config(self, config: CollectorConfig) -> None:
         """Changes the gates; they hold from the next scan on."""
         self._config = config
-        for camera, assembler in zip(self._rig.cameras, self._assembler.of.values()):
-            assembler.adjust(replace(
+        for camera, assembler in zip(self._rig.cameras, self._assembler.assemblers.values()):
+            assembler.apply_gates(replace(
                 camera.config, min_motion_m=config.min_motion_m,
                 min_motion_rad=config.min_motion_rad, min_change=config.min_change,
                 min_sharpness=config.min_sharpness))

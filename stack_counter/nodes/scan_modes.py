@@ -126,8 +126,8 @@ class CycleScans(ScanSession):
 
     def close_waiting(self, expired_only: bool) -> list[ScanEvent]:
         """Makes scans of the cycles that wait for a camera."""
-        return self._close_cycles(self._cycles.expired() if expired_only
-                                  else self._cycles.flush())
+        return self._close_cycles(self._cycles.close_expired() if expired_only
+                                  else self._cycles.close_all())
 
     def end(self, scan: QueuedScan) -> list[ScanEvent]:
         """Goes on: the cycle that was open has become a scan."""
@@ -142,7 +142,7 @@ class CycleScans(ScanSession):
         for camera in self._cycles.cameras:
             if camera in cycle.views:
                 scan.add(camera, cycle.views[camera])
-        scan.missing = tuple(self._cycles.missing(cycle))
+        scan.missing = tuple(self._cycles.missing_cameras(cycle))
         given_up = self.queue.open(scan)
         problems = [Problem(f"scan '{other.scan_id}' given up: {len(self.queue)} scans wait; "
                             "expected a faster reconstructor or longer cycles")

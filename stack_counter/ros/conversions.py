@@ -76,7 +76,7 @@ def from_posed_image(message: PosedImage) -> View:
     """
     return View(
         stamp_ns=decoding.stamp_ns(message.header.stamp), camera=message.header.frame_id,
-        intrinsics=decoding.camera_info_to_intrinsics(message.camera_info),
+        intrinsics=decoding.intrinsics_of_camera_info(message.camera_info),
         T_world_camera=decoding.pose_to_matrix(message.pose), fixed=message.camera_fixed,
         color=_decode_if_any(message.color, decoding.color_to_array),
         depth=_decode_if_any(message.depth, decoding.depth_to_metres),
@@ -105,7 +105,7 @@ def from_key_view(message: KeyViewMsg) -> KeyView:
     """
     return KeyView(
         stamp_ns=decoding.stamp_ns(message.header.stamp),
-        intrinsics=decoding.camera_info_to_intrinsics(message.camera_info),
+        intrinsics=decoding.intrinsics_of_camera_info(message.camera_info),
         T_world_camera=decoding.pose_to_matrix(message.pose), part_pixels=message.part_pixels,
         labels=decoding.image_to_array(message.labels),
         depth=_decode_if_any(message.depth, decoding.depth_to_metres),

@@ -26,7 +26,8 @@ from stack_counter.ros.player import SETTINGS as PLAYER_SETTINGS
 from stack_counter.ros.player import Player
 from stack_counter.ros.processes import NodeError, NodeProcesses, private_environment
 from stack_counter.types import Reason
-from stack_counter.views.rig import Rig, RigAssembler, load_rig
+from stack_counter.views.rig import Rig, load_rig
+from stack_counter.views.rig_assembler import RigAssembler
 
 
 @dataclass(frozen=True)

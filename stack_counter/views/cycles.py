@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Images of several cameras that were triggered together become one scan."""
 
 from __future__ import annotations
@@ -10,42 +11,61 @@ from stack_counter.errors import ViewError
 from stack_counter.types import View
 
 
-@dataclass
+@dataclass(eq=False)
 class Cycle:
-    """One trigger: its first stamp in ns, the views by camera, and since when it is open (s,
-    monotonic)."""
+    """The views of one trigger.
+
+    Attributes:
+        stamp_ns: stamp of its first view, ns.
+        views: its views by camera.
+        open_since: monotonic time at which it began, seconds.
+    """
 
     stamp_ns: int
     views: dict[str, View] = field(default_factory=dict)
-    since: float = field(default_factory=time.monotonic)
+    open_since: float = field(default_factory=time.monotonic)
 
 
 class CycleGrouper:
-    """Sorts views into cycles; says when one is over.
+    """Groups views into cycles and closes those that are over.
 
     A cycle is over when every camera has given its view, when a later cycle is, or when the
     timeout has passed: live, on the wall's clock; in a recording, in the images' own time.
+
+    Attributes:
+        cameras: names of the rig's cameras.
     """
 
     def __init__(self, cameras: Iterable[str], tolerance_s: float, timeout_s: float, live: bool):
+        """Makes a grouper without views.
+
+        Args:
+            cameras: names of the rig's cameras.
+            tolerance_s: largest difference of stamps within one cycle, seconds.
+            timeout_s: time after which a cycle is over though cameras are missing, seconds.
+            live: the timeout is one of the wall's clock.
+        """
         self.cameras = tuple(cameras)
         self._live = live
         self._tolerance_ns, self._timeout_ns = round(tolerance_s * 1e9), round(timeout_s * 1e9)
         self._open: list[Cycle] = []  # by stamp
-        self._closed_ns: int | None = None  # stamp of the last one that is over
+        self._closed_ns: int | None = None  # stamp of the last cycle closed
 
-    def missing(self, cycle: Cycle) -> list[str]:
-        """Cameras that gave it no view."""
+    def missing_cameras(self, cycle: Cycle) -> list[str]:
+        """Returns the names of the cameras that gave a cycle no view."""
         return [name for name in self.cameras if name not in cycle.views]
 
     def add(self, camera: str, view: View) -> list[Cycle]:
-        """Takes a view; returns the cycles that are over now, oldest first.
+        """Takes a view into its cycle.
+
+        Returns:
+            The cycles that are over now, oldest first.
 
         Raises:
-            ViewError: reason `late`: its cycle is over already.
+            ViewError: reason `late`: the view's cycle is over already.
         """
         stamp = view.stamp_ns
-        over = [] if self._live else self._take(
+        over = [] if self._live else self._close_where(
             lambda c: stamp - c.stamp_ns > self._timeout_ns)
         if self._closed_ns is not None and stamp < self._closed_ns - 10 * self._timeout_ns:
             self._closed_ns = None  # the clock was set back
@@ -58,20 +78,20 @@ class CycleGrouper:
             mine = Cycle(stamp)
             self._open = sorted([*self._open, mine], key=lambda c: c.stamp_ns)
         mine.views[camera] = view
-        if not self.missing(mine):
-            over += self._take(lambda c: c.stamp_ns <= mine.stamp_ns)
+        if not self.missing_cameras(mine):
+            over += self._close_where(lambda c: c.stamp_ns <= mine.stamp_ns)
         return over
 
-    def expired(self) -> list[Cycle]:
-        """Cycles whose time is up on the wall's clock."""
+    def close_expired(self) -> list[Cycle]:
+        """Closes and returns the cycles whose time is up on the wall's clock."""
         now = time.monotonic()
-        return self._take(lambda c: now - c.since > self._timeout_ns * 1e-9)
+        return self._close_where(lambda c: now - c.open_since > self._timeout_ns * 1e-9)
 
-    def flush(self) -> list[Cycle]:
-        """All that are open: nothing more will come."""
-        return self._take(lambda c: True)
+    def close_all(self) -> list[Cycle]:
+        """Closes and returns all cycles, since no more views will come."""
+        return self._close_where(lambda c: True)
 
-    def _take(self, is_over: Callable[[Cycle], bool]) -> list[Cycle]:
+    def _close_where(self, is_over: Callable[[Cycle], bool]) -> list[Cycle]:
         over = [c for c in self._open if is_over(c)]
         if over:
             self._closed_ns = over[-1].stamp_ns

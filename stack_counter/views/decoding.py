@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS messages to numpy, by attribute names alone: for rclpy's messages and for decoded bags.
 
 Both spell fields alike (`header.stamp.sec`, `data` ...), so one set of functions serves both and
@@ -20,19 +21,21 @@ _ENCODINGS = {"rgb8": (np.uint8, 3), "bgr8": (np.uint8, 3), "rgba8": (np.uint8, 
               "mono16": (np.uint16, 1), "16UC1": (np.uint16, 1), "32FC1": (np.float32, 1)}
 _TO_RGB = {"bgr8": cv2.COLOR_BGR2RGB, "rgba8": cv2.COLOR_RGBA2RGB, "bgra8": cv2.COLOR_BGRA2RGB,
            "mono8": cv2.COLOR_GRAY2RGB, "8UC1": cv2.COLOR_GRAY2RGB}
-_MAX_SIDE = 16384  # pixels; what is larger is a damaged message, not a camera
+# A larger image, in pixels, is a damaged message, not a camera.
+_MAX_SIDE_PX = 16384
 
 
 def stamp_ns(stamp: Any) -> int:
-    """Nanoseconds of a `builtin_interfaces/Time`."""
+    """Returns the nanoseconds of a `builtin_interfaces/Time`."""
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def image_to_array(message: Any) -> np.ndarray:
-    """Pixels of a `sensor_msgs/Image`: (h, w) or (h, w, channels) in the encoding's dtype.
+    """Decodes a `sensor_msgs/Image` to (h, w) or (h, w, channels) in the encoding's dtype.
 
     Raises:
-        ViewError: reason `bad_encoding` or `bad_image`.
+        ViewError: the encoding is unknown (`bad_encoding`), or size and bytes do not fit
+            (`bad_image`).
     """
     if message.encoding not in _ENCODINGS:
         raise ViewError("bad_encoding", f"encoding '{message.encoding}'; expected one of "
@@ -42,7 +45,7 @@ def image_to_array(message: Any) -> np.ndarray:
     height, width, step = int(message.height), int(message.width), int(message.step)
     data = np.frombuffer(message.data, np.uint8)
     row = width * channels * kind.itemsize
-    if not (0 < height <= _MAX_SIDE and 0 < width <= _MAX_SIDE) or step < row \
+    if not (0 < height <= _MAX_SIDE_PX and 0 < width <= _MAX_SIDE_PX) or step < row \
             or len(data) < height * step:
         raise ViewError("bad_image", f"{width}x{height} {message.encoding} with step {step} and "
                                      f"{len(data)} bytes; expected step {row} and "
@@ -53,10 +56,11 @@ def image_to_array(message: Any) -> np.ndarray:
 
 
 def color_to_array(message: Any) -> np.ndarray:
-    """(h, w, 3) uint8 RGB of an `Image` or a `CompressedImage` (JPEG, PNG).
+    """Decodes an `Image` or a `CompressedImage` (JPEG, PNG) to (h, w, 3) uint8 RGB.
 
     Raises:
-        ViewError: reason `bad_encoding` or `bad_image`.
+        ViewError: the encoding is none of colour (`bad_encoding`), or the data cannot be decoded
+            (`bad_image`).
     """
     if hasattr(message, "encoding"):
         if message.encoding not in ("rgb8", *_TO_RGB):
@@ -77,10 +81,13 @@ def color_to_array(message: Any) -> np.ndarray:
 
 
 def depth_to_metres(message: Any) -> np.ndarray:
-    """(h, w) float32 metres, 0 where invalid, of a `16UC1` (mm) or `32FC1` (m) image (REP-118).
+    """Decodes a `16UC1` (mm) or `32FC1` (m) image to (h, w) float32 metres, 0 where invalid.
+
+    Source: REP-118.
 
     Raises:
-        ViewError: reason `bad_encoding`, `bad_image` or `empty_depth`.
+        ViewError: the encoding is none of depth (`bad_encoding`), size and bytes do not fit
+            (`bad_image`), or no pixel is valid (`empty_depth`).
     """
     if message.encoding not in ("16UC1", "mono16", "32FC1"):
         raise ViewError("bad_encoding", f"depth in '{message.encoding}'; expected 16UC1 (mm) or "
@@ -96,10 +103,11 @@ def depth_to_metres(message: Any) -> np.ndarray:
 
 
 def labels_to_array(message: Any) -> np.ndarray:
-    """(h, w) uint8 label image of values 0, 1 and 2.
+    """Decodes a `mono8` image to an (h, w) uint8 label image of values 0, 1 and 2.
 
     Raises:
-        ViewError: reason `bad_labels`, `bad_encoding` or `bad_image`.
+        ViewError: the encoding is none of labels (`bad_encoding`), size and bytes do not fit
+            (`bad_image`), or a value is above 2 (`bad_labels`).
     """
     if message.encoding not in ("mono8", "8UC1"):
         raise ViewError("bad_encoding", f"labels in '{message.encoding}'; expected mono8")
@@ -110,10 +118,10 @@ def labels_to_array(message: Any) -> np.ndarray:
     return labels
 
 
-def camera_info_to_intrinsics(message: Any) -> Intrinsics:
-    """Calibration of the images that come with a `CameraInfo`, unchecked.
+def intrinsics_of_camera_info(message: Any) -> Intrinsics:
+    """Returns the calibration of the images that come with a `CameraInfo`, unchecked.
 
-    K is that of the full sensor; a region of interest (`roi`) and binning are applied to it as
+    Its K is that of the full sensor; a region of interest (`roi`) and binning are applied to it as
     image_geometry does. Field names in both ROS spellings (k, K).
     """
     k = [float(x) for x in (message.k if hasattr(message, "k") else message.K)]
@@ -131,10 +139,10 @@ def camera_info_to_intrinsics(message: Any) -> Intrinsics:
 
 
 def pose_to_matrix(pose: Any) -> np.ndarray:
-    """(4, 4) of a `geometry_msgs/Pose`.
+    """Returns the (4, 4) transform of a `geometry_msgs/Pose`.
 
     Raises:
-        ViewError: reason `bad_pose`.
+        ViewError: reason `bad_pose`: not finite, or the quaternion's norm is off 1.
     """
     q, p = pose.orientation, pose.position
     return geometry.pose_from_quaternion(np.array([q.x, q.y, q.z, q.w]),
@@ -142,10 +150,10 @@ def pose_to_matrix(pose: Any) -> np.ndarray:
 
 
 def transform_to_matrix(transform: Any) -> np.ndarray:
-    """(4, 4) of a `geometry_msgs/Transform`.
+    """Returns the (4, 4) transform of a `geometry_msgs/Transform`.
 
     Raises:
-        ViewError: reason `bad_pose`.
+        ViewError: reason `bad_pose`: not finite, or the quaternion's norm is off 1.
     """
     q, t = transform.rotation, transform.translation
     return geometry.pose_from_quaternion(np.array([q.x, q.y, q.z, q.w]),

@@ -1,49 +1,56 @@
-"""What makes a view of an image: partners of its time, a calibration, something new to see."""
+# SPDX-License-Identifier: Apache-2.0
+"""Images and calibrations that are matched with colour images by their stamps."""
 
 from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
 
-import cv2
 import numpy as np
 
-from stack_counter.config import CollectorConfig
 from stack_counter.errors import ViewError
-from stack_counter.geometry import pose_change
-from stack_counter.types import Intrinsics, View
+from stack_counter.types import Intrinsics
 
-QUEUE = 30  # messages of one kind that are kept
-_THUMBNAIL = (160, 120)  # pixels; the size images are compared at: shows parts, hides noise
-_PATCH = (5, 5)  # of them, over which a change is averaged: one part taken away is one
+MAX_QUEUED_MESSAGES = 30
 
 
 class ImageStream:
-    """Images to be matched with colour images by stamp."""
+    """Depth or label images of one camera, in the order of their stamps."""
 
     def __init__(self, kind: str, tolerance_ns: int):
-        """`kind` names them in errors; `tolerance_ns`: largest difference of stamps in a view."""
+        """Makes an empty stream.
+
+        Args:
+            kind: names the images in errors.
+            tolerance_ns: largest difference of the stamps of one view's images, ns.
+        """
         self._kind = kind
         self._tolerance_ns = tolerance_ns
         self._stamps: list[int] = []
         self._images: list[np.ndarray | ViewError] = []
 
     def add(self, stamp_ns: int, image: np.ndarray | ViewError) -> None:
-        """Adds an (h, w) image, or why it could not be decoded."""
+        """Adds an (h, w) image, or the error that says why it could not be decoded."""
         i = bisect_left(self._stamps, stamp_ns)
         self._stamps.insert(i, stamp_ns)
         self._images.insert(i, image)
-        self._forget(len(self._stamps) - QUEUE)
+        self._forget(len(self._stamps) - MAX_QUEUED_MESSAGES)
 
-    def settled(self, stamp_ns: int) -> bool:
-        """Whether no image nearer to the stamp can still come: streams are in order."""
+    def is_settled(self, stamp_ns: int) -> bool:
+        """Tells whether no image nearer to the stamp can still come: streams are in order."""
         return bool(self._stamps) and self._stamps[-1] >= stamp_ns
 
-    def partner(self, color: np.ndarray, stamp_ns: int, reason: str) -> np.ndarray:
-        """The image nearest in time to a colour image (h, w, 3).
+    def nearest_image(self, color: np.ndarray, stamp_ns: int, reason: str) -> np.ndarray:
+        """Returns the image nearest in time to a colour image.
+
+        Args:
+            color: (h, w, 3) colour image.
+            stamp_ns: its stamp, ns.
+            reason: reason of the error if the sizes differ.
 
         Raises:
-            ViewError: `unsynchronised`; the given reason if its size differs; or its own fault.
+            ViewError: no image is near enough (`unsynchronised`), the nearest one has another size
+                (`reason`), or could not be decoded (its own reason).
         """
         i = min(range(len(self._stamps)), key=lambda j: abs(self._stamps[j] - stamp_ns),
                 default=-1)
@@ -59,12 +66,12 @@ class ImageStream:
                                     f"{color.shape[1]}x{color.shape[0]} as the colour")
         return image
 
-    def passed(self, stamp_ns: int) -> None:
-        """Forgets what no colour image after the stamp can use."""
+    def forget_before(self, stamp_ns: int) -> None:
+        """Forgets the images that no colour image after the stamp can use."""
         self._forget(bisect_left(self._stamps, stamp_ns - self._tolerance_ns))
 
     def restart(self, stamp_ns: int) -> None:
-        """Forgets what is later than the stamp: the clock was set back."""
+        """Forgets the images later than the stamp, since the clock was set back to it."""
         later = bisect_left(self._stamps, stamp_ns + self._tolerance_ns + 1)
         del self._stamps[later:], self._images[later:]
 
@@ -77,8 +84,9 @@ class Calibrations:
     """Camera calibrations over time, whether sent with every image, seldom or once."""
 
     def __init__(self, tolerance_ns: int):
+        """Makes one without calibrations. `tolerance_ns` is that of the images' stamps, ns."""
         self._tolerance_ns = tolerance_ns
-        self._changes: deque[tuple[int, Intrinsics]] = deque(maxlen=QUEUE)
+        self._changes: deque[tuple[int, Intrinsics]] = deque(maxlen=MAX_QUEUED_MESSAGES)
         self._newest_ns = 0
         self._passed_ns = 0
 
@@ -88,73 +96,33 @@ class Calibrations:
         if not self._changes or self._changes[-1][1] != intrinsics:
             self._changes.append((stamp_ns, intrinsics))
 
-    def settled(self, stamp_ns: int) -> bool:
-        """Whether a calibration is there, and one sent with this very image would have come.
+    def is_settled(self, stamp_ns: int) -> bool:
+        """Tells whether there is a calibration that no later message can change for this image.
 
-        If none came with the last image passed, they are sent seldom or once.
+        A calibration sent with this very image would have come. If none came with the last image
+        decided, calibrations are sent seldom or once.
         """
         with_images = self._newest_ns >= self._passed_ns - self._tolerance_ns
         return bool(self._changes) and (
             not with_images or self._newest_ns >= stamp_ns - self._tolerance_ns)
 
-    def at(self, stamp_ns: int) -> Intrinsics | None:
-        """The calibration of the image with this stamp; None if there is none at all."""
+    def calibration_at(self, stamp_ns: int) -> Intrinsics | None:
+        """Returns the calibration of the image with this stamp; None if there is none at all."""
         limit = stamp_ns + self._tolerance_ns
         first = self._changes[0][1] if self._changes else None
         return next((k for t, k in reversed(self._changes) if t <= limit), first)
 
     def restart(self) -> None:
-        """The clock was set back: the last calibration holds from now on."""
-        self._changes = deque(((0, self._changes[-1][1]),) if self._changes else (), maxlen=QUEUE)
+        """Keeps the last calibration from now on, since the clock was set back."""
+        self._changes = deque(
+            ((0, self._changes[-1][1]),) if self._changes else (), maxlen=MAX_QUEUED_MESSAGES
+        )
         self._newest_ns = self._passed_ns = 0
 
-    def passed(self, stamp_ns: int) -> None:
-        """Notes that the image of this stamp is decided."""
+    def note_decided(self, stamp_ns: int) -> None:
+        """Notes that the image of this stamp is accepted or skipped."""
         self._passed_ns = stamp_ns
 
     def __bool__(self) -> bool:
+        """Tells whether there is any calibration."""
         return bool(self._changes)
-
-
-class ViewGate:
-    """Lets views pass that are sharp and show something new since the last that passed."""
-
-    def __init__(self, config: CollectorConfig):
-        self._config = config
-        self._last: tuple[np.ndarray, np.ndarray] | None = None  # pose and small grey image
-
-    def adjust(self, config: CollectorConfig) -> None:
-        """Takes over other limits."""
-        self._config = config
-
-    def check(self, view: View) -> None:
-        """Refuses a view, or remembers it as the last that passed.
-
-        Raises:
-            ViewError: reason `blurred` or `duplicate`.
-        """
-        assert view.color is not None  # for the type checker
-        grey = cv2.cvtColor(view.color, cv2.COLOR_RGB2GRAY)
-        sharpness = float(cv2.Laplacian(grey, cv2.CV_32F).var())
-        if sharpness < self._config.min_sharpness:
-            raise ViewError("blurred", f"variance of the Laplacian {sharpness:.2f}; expected at "
-                                       f"least {self._config.min_sharpness}")
-        small = cv2.resize(grey, _THUMBNAIL, interpolation=cv2.INTER_AREA).astype(np.float32)
-        if self._last and view.fixed:
-            patches = cv2.blur(np.abs(small - self._last[1]), _PATCH)
-            self._check_change(float(patches.max()))
-        elif self._last:
-            self._check_motion(*pose_change(self._last[0], view.T_world_camera))
-        self._last = (view.T_world_camera, small)
-
-    def _check_change(self, change: float) -> None:
-        if change < self._config.min_change:
-            raise ViewError("duplicate", f"largest grey-level change {change:.2f} of a fixed "
-                                         f"camera; expected at least {self._config.min_change}")
-
-    def _check_motion(self, metres: float, radians: float) -> None:
-        c = self._config
-        if metres < c.min_motion_m and radians < c.min_motion_rad:
-            raise ViewError("duplicate", f"moved {metres:.4f} m and {radians:.4f} rad since the "
-                                         f"last view; expected {c.min_motion_m} or "
-                                         f"{c.min_motion_rad}")

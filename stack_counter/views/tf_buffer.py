@@ -1,7 +1,8 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses at a stamp from recorded or live transforms (TF).
 
-Not tf2_ros, even where it exists: it interpolates across gaps of any width, and replay without
-ROS must find the very same poses as the nodes.
+This is not tf2_ros, even where that exists: tf2_ros interpolates across gaps of any width, and
+replay without ROS must find the very same poses as the nodes.
 """
 
 from __future__ import annotations
@@ -14,23 +15,46 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.errors import ViewError
 
-_JUMP_NS = 10**9  # back by more than this is no sample that is late
-KEEP_NS = 60 * 10**9  # samples older than this behind the newest are forgotten
+
+@dataclass(frozen=True)
+class TransformBufferSettings:
+    """How samples of transforms are kept; chosen.
+
+    Attributes:
+        clock_jump_ns: a sample older than the newest by more than this is no late one: the clock
+            was set back.
+        kept_ns: samples older than the newest by more than this are forgotten.
+    """
+
+    clock_jump_ns: int = 10**9
+    kept_ns: int = 60 * 10**9
 
 
-@dataclass
-class _Edge:
-    """Samples of one child frame in its parent, in stamp order."""
+SETTINGS = TransformBufferSettings()
+
+
+@dataclass(eq=False)
+class TransformSamples:
+    """Samples of one child frame in its parent, in stamp order.
+
+    Attributes:
+        parent: name of the parent frame.
+        static: the transform does not change.
+        stamps: stamps, ns.
+        poses: (4, 4) T_parent_child at these stamps.
+        behind: stamp of the last sample if it was much older than the newest, else -1.
+    """
 
     parent: str
     static: bool
     stamps: list[int] = field(default_factory=list)
     poses: list[np.ndarray] = field(default_factory=list)
-    behind: int = -1  # stamp of the last sample, if it was much older than the newest
+    behind: int = -1
 
     def add(self, stamp_ns: int, T: np.ndarray) -> None:
+        """Adds a sample, or replaces the one of the same stamp."""
         behind, self.behind = self.behind, -1
-        if self.stamps and self.stamps[-1] - stamp_ns > _JUMP_NS:
+        if self.stamps and self.stamps[-1] - stamp_ns > SETTINGS.clock_jump_ns:
             self.behind = stamp_ns
             if -1 < behind < stamp_ns:  # two in a row: the clock was set back
                 later = bisect.bisect_right(self.stamps, stamp_ns)
@@ -41,55 +65,63 @@ class _Edge:
             return
         self.stamps.insert(i, stamp_ns)
         self.poses.insert(i, T)
-        old = bisect.bisect_left(self.stamps, self.stamps[-1] - KEEP_NS)
+        old = bisect.bisect_left(self.stamps, self.stamps[-1] - SETTINGS.kept_ns)
         if old:
             del self.stamps[:old], self.poses[:old]
 
 
 class TransformBuffer:
-    """A tree of frames; every frame has one parent."""
+    """A tree of frames, in which every frame has one parent, with samples over time."""
 
     def __init__(self, max_gap_s: float):
-        """`max_gap_s`: widest gap between two samples that is interpolated in, seconds."""
+        """Makes an empty buffer.
+
+        Args:
+            max_gap_s: widest gap between two samples that is interpolated in, seconds.
+        """
         self._max_gap_ns = round(max_gap_s * 1e9)
-        self._edges: dict[str, _Edge] = {}
+        self._edges: dict[str, TransformSamples] = {}
 
     def add_transform(self, stamp_ns: int, parent: str, child: str, T_parent_child: np.ndarray,
                       static: bool = False) -> None:
         """Adds a sample, in any order of stamps; a static one replaces the last."""
         edge = self._edges.get(child)
         if edge is None or edge.parent != parent or edge.static != static or static:
-            edge = self._edges[child] = _Edge(parent, static)
+            edge = self._edges[child] = TransformSamples(parent, static)
         edge.add(stamp_ns, T_parent_child)
 
-    def ready(self, target: str, source: str, stamp_ns: int) -> bool:
-        """Whether waiting longer cannot change what `lookup` says."""
+    def is_ready(self, target: str, source: str, stamp_ns: int) -> bool:
+        """Tells whether later samples cannot change what `lookup` returns for this stamp."""
         try:
-            up, down = self._chains(target, source)
+            up, down = self._paths_to_common_ancestor(target, source)
         except ViewError as error:
             return error.reason == "tf_loop"
         return all(e.static or e.stamps[-1] >= stamp_ns
                    for e in (self._edges[name] for name in up + down))
 
     def lookup(self, target: str, source: str, stamp_ns: int) -> tuple[np.ndarray, bool]:
-        """T_target_source (4, 4) at a stamp, and whether all of it is static.
+        """Returns T_target_source (4, 4) at a stamp, and whether all of it is static.
 
         Raises:
             ViewError: reason `no_tf` (frames not connected, or no samples close enough around the
                 stamp) or `tf_loop`.
         """
-        up, down = self._chains(target, source)
+        up, down = self._paths_to_common_ancestor(target, source)
         T = np.eye(4)
         for name in up:  # from the source towards the root
-            T = self._at(name, stamp_ns) @ T
+            T = self._interpolate_at(name, stamp_ns) @ T
         T_root_target = np.eye(4)
         for name in down:
-            T_root_target = self._at(name, stamp_ns) @ T_root_target
+            T_root_target = self._interpolate_at(name, stamp_ns) @ T_root_target
         return (geometry.inverse(T_root_target) @ T,
                 all(self._edges[name].static for name in up + down))
 
-    def _chains(self, target: str, source: str) -> tuple[list[str], list[str]]:
-        """Frames from source and from target up to their first common ancestor, without it."""
+    def _paths_to_common_ancestor(self, target: str, source: str) -> tuple[list[str], list[str]]:
+        """Returns the frames from source and from target up to their first common ancestor.
+
+        Raises:
+            ViewError: reason `no_tf` or `tf_loop`: the frames are not connected in a tree.
+        """
         ups, downs = self._ancestors(source), self._ancestors(target)
         common = next((name for name in ups if name in downs), None)
         if common is None:
@@ -107,7 +139,7 @@ class TransformBuffer:
             chain.append(parent)
         return chain
 
-    def _at(self, name: str, stamp_ns: int) -> np.ndarray:
+    def _interpolate_at(self, name: str, stamp_ns: int) -> np.ndarray:
         edge = self._edges[name]
         if edge.static:
             return edge.poses[-1]

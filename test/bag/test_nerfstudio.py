@@ -15,7 +15,8 @@ from stack_counter.bag.nerfstudio import import_scene
 from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
-from stack_counter.views.rig import RigAssembler, load_rig
+from stack_counter.views.rig import load_rig
+from stack_counter.views.rig_assembler import RigAssembler
 
 PASTA = Path(__file__).parents[3] / "shared" / "real" / "pasta"
 FLIP = np.diag([1.0, -1, -1, 1])

@@ -30,7 +30,8 @@ from stack_counter.bag.writer import write_bag
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
 from stack_counter.types import Intrinsics
-from stack_counter.views.rig import RigAssembler, load_rig
+from stack_counter.views.rig import load_rig
+from stack_counter.views.rig_assembler import RigAssembler
 
 DISTORTED = replace(SMALL, distortion_model="plumb_bob", distortion=(0.1, -0.2, 0.01, 0.02, 0.3))
 

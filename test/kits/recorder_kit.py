@@ -9,7 +9,8 @@ from stack_counter.bag.bag_views import fit_rig_to_bag, read_views
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.recorder import Received
 from stack_counter.config import CollectorConfig
-from stack_counter.views.rig import RigAssembler, load_rig
+from stack_counter.views.rig import load_rig
+from stack_counter.views.rig_assembler import RigAssembler
 
 FACTS = {"scan_id": "a", "part": "nut", "unit_volume_m3": "2e-06", "version": "0"}
 

@@ -21,7 +21,8 @@ from stack_counter.bag.reader import BagReader
 from stack_counter.cli import main
 from stack_counter.config import CollectorConfig
 from stack_counter.ros.player import message_type
-from stack_counter.views.rig import RigAssembler, load_rig
+from stack_counter.views.rig import load_rig
+from stack_counter.views.rig_assembler import RigAssembler
 
 SPACE = "/stack_counter"
 RELIABLE = QoSProfile(depth=1000)

@@ -11,7 +11,8 @@ from stack_counter.bag.bag_views import fit_camera_to_bag, subscribed_topics
 from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig
 from stack_counter.views.assembler import ViewAssembler
-from stack_counter.views.rig import RigAssembler, load_rig
+from stack_counter.views.rig import load_rig
+from stack_counter.views.rig_assembler import RigAssembler
 
 
 def load(path):

@@ -143,10 +143,10 @@ def test_camera_info_in_both_spellings():
     given = replace(kit.SMALL, fx=150.0, fy=151.0, distortion_model="rational_polynomial",
                     distortion=tuple(0.01 * i for i in range(8)))
     message = kit.camera_info(given)
-    assert decoding.camera_info_to_intrinsics(message) == given
+    assert decoding.intrinsics_of_camera_info(message) == given
     older = SimpleNamespace(width=given.width, height=given.height, K=message.k, D=message.d,
                             distortion_model=given.distortion_model)
-    assert decoding.camera_info_to_intrinsics(older) == given
+    assert decoding.intrinsics_of_camera_info(older) == given
 
 
 def test_stamps_keep_every_nanosecond():

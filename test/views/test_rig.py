@@ -7,7 +7,8 @@ import pytest
 
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import ConfigError
-from stack_counter.views.rig import RigAssembler, load_rig
+from stack_counter.views.rig import load_rig
+from stack_counter.views.rig_assembler import RigAssembler
 
 ROOT = Path(__file__).parents[2]
 
@@ -31,7 +32,7 @@ def test_the_example_is_one():
 def test_without_a_file_there_is_one_camera_as_configured():
     one = load_rig(CollectorConfig(color_topic="/c", depth_topic=""))
     assert [c.name for c in one.cameras] == [""]
-    assert list(RigAssembler(one).takers()) == ["/c", "/camera/color/camera_info"]
+    assert list(RigAssembler(one).topic_handlers()) == ["/c", "/camera/color/camera_info"]
 
 
 def test_a_cycle_counts_whether_anything_has_changed_or_not():

@@ -130,7 +130,7 @@ def test_a_loop_is_named_and_ends(names):
         buffer.add_transform(0, parent, child, np.eye(4))
     text = refused(buffer, "world", "a", 0, "tf_loop")
     assert " -> ".join([*names, "a"]) in text
-    assert buffer.ready("world", "a", 0)  # waiting mends nothing
+    assert buffer.is_ready("world", "a", 0)  # waiting mends nothing
 
 
 def test_a_frame_with_a_new_parent_forgets_the_old_one():
@@ -150,11 +150,11 @@ def test_a_later_static_transform_replaces_the_earlier():
 
 def test_ready_waits_for_a_sample_at_or_after_the_stamp():
     buffer = TransformBuffer(0.1)
-    assert not buffer.ready("base", "tool", 10)
+    assert not buffer.is_ready("base", "tool", 10)
     buffer.add_transform(9, "base", "tool", np.eye(4))
-    assert not buffer.ready("base", "tool", 10)
+    assert not buffer.is_ready("base", "tool", 10)
     buffer.add_transform(10, "base", "tool", np.eye(4))
-    assert buffer.ready("base", "tool", 10)
+    assert buffer.is_ready("base", "tool", 10)
 
 
 def test_old_samples_are_forgotten():

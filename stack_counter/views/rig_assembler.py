@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The assemblers of all cameras of a rig as one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from stack_counter.types import View, ViewTally
+from stack_counter.views.assembler import ViewAssembler
+from stack_counter.views.rig import Rig
+
+
+class RigAssembler:
+    """Assembles the views of all cameras.
+
+    Attributes:
+        rig: the cameras.
+        assemblers: one for each camera, by the camera's name.
+    """
+
+    def __init__(self, rig: Rig, live: bool = True):
+        """Makes assemblers without images.
+
+        Args:
+            rig: the cameras.
+            live: messages that stay away are given up after a time; see `ViewAssembler`.
+        """
+        self.rig = rig
+        self.assemblers = {c.name: ViewAssembler(c.config, live, c.T_world_camera, c.frame)
+                   for c in rig.cameras}
+
+    def start(self) -> None:
+        """Begins a scan: forgets images and tally, keeps transforms and calibration."""
+        for assembler in self.assemblers.values():
+            assembler.start()
+
+    @property
+    def tally(self) -> ViewTally:
+        """Number of images received, views accepted, and images skipped by reason, in all."""
+        tallies = [a.tally for a in self.assemblers.values()]
+        skipped: Counter[str] = sum((Counter(t.skipped) for t in tallies), Counter())
+        return ViewTally(sum(t.received for t in tallies), sum(t.used for t in tallies),
+                         dict(skipped))
+
+    @property
+    def waiting(self) -> int:
+        """Number of images that wait for their partners, calibration or pose."""
+        return sum(a.waiting for a in self.assemblers.values())
+
+    @property
+    def last_errors(self) -> list[str]:
+        """The last error's line for each reason and camera."""
+        return [f"{name}: {line}" if name else line for name, a in self.assemblers.items()
+                for line in a.last_error.values()]
+
+    def add_transform(self, message: Any, static: bool) -> None:
+        """Takes a `TransformStamped` of /tf or /tf_static."""
+        for assembler in self.assemblers.values():
+            assembler.add_transform(message, static)
+
+    def topic_handlers(self) -> dict[str, list[tuple[str, Callable[[Any], None]]]]:
+        """Returns the handlers of each topic's messages.
+
+        Returns:
+            By topic, for each camera that needs it: its content (`color`, `info`, `depth`,
+            `labels` or `pose`) and the method that takes a message.
+        """
+        handlers: dict[str, list[tuple[str, Callable[[Any], None]]]] = {}
+        for camera in self.rig.cameras:
+            c, a = camera.config, self.assemblers[camera.name]
+            suffix = "/compressed" if c.color_transport == "compressed" else ""
+            wanted = [(c.color_topic + suffix, "color", a.add_color),
+                      (c.camera_info_topic, "info", a.add_camera_info),
+                      (c.depth_topic, "depth", a.add_depth),
+                      (c.labels_topic, "labels", a.add_labels)]
+            if c.pose_source == "topic" and camera.T_world_camera is None:
+                wanted.append((c.pose_topic, "pose", a.add_pose))
+            for topic, content, handler in wanted:
+                if topic:
+                    handlers.setdefault(topic, []).append((content, handler))
+        return handlers
+
+    def color_topics(self) -> list[str]:
+        """Returns the colour topics of all cameras."""
+        return [topic for topic, handlers in self.topic_handlers().items()
+                if handlers[0][0] == "color"]
+
+    @property
+    def needs_tf(self) -> bool:
+        """Whether the pose of some camera comes from TF."""
+        return any(c.T_world_camera is None and c.config.pose_source == "tf"
+                   for c in self.rig.cameras)
+
+    def poll(self) -> list[tuple[str, View]]:
+        """Returns the views that are complete now, with their cameras' names."""
+        return [(name, view) for name, a in self.assemblers.items() for view in a.poll()]
+
+    def flush(self) -> list[tuple[str, View]]:
+        """Decides all images that wait, as at the end of a scan or bag; returns their views."""
+        return [(name, view) for name, a in self.assemblers.items() for view in a.flush()]
+
