@@ -4,11 +4,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
-from tqdm import tqdm
-
+from stack_counter.cli.common import add_config_argument, progress_bar, require_bag
 from stack_counter.config import load
 from stack_counter.container.catalogue import (
     as_line,
@@ -27,7 +25,7 @@ def add_container(commands: argparse._SubParsersAction) -> None:
     teach.add_argument("name", type=_nonempty, metavar="NAME",
                        help="what the setting `container` calls it")
     teach.add_argument("bag", type=Path, metavar="BAG", help="recording of it, empty")
-    teach.add_argument("--config", type=Path, metavar="FILE", help="settings (ROS parameters)")
+    add_config_argument(teach)
     teach.add_argument("--out", type=Path, metavar="FILE",
                        help="catalogue; default: the configured one, config/containers.yaml")
     teach.set_defaults(run=_teach)
@@ -45,15 +43,14 @@ def _nonempty(text: str) -> str:
 
 def _teach(options: argparse.Namespace) -> int:
     config = load(options.config or config_path("stack_counter.yaml"))
-    if not options.bag.exists():
-        raise FileNotFoundError(f"no bag {options.bag}; expected a rosbag2 folder or .mcap file")
+    bag = require_bag(options.bag)
     path = options.out or catalogue_path(config.reconstructor)
     if path.exists():
         load_containers(path)  # raises what is wrong with it, before the work
     from stack_counter.teaching.teach_container import teach_container  # takes a second to load
 
-    with tqdm(unit=" views", desc="teach", disable=not sys.stderr.isatty()) as bar:
-        taught = teach_container(options.bag, config, lambda: bar.update() and None)
+    with progress_bar("teach", "views") as on_view:
+        taught = teach_container(bag, config, on_view)
     save_container(options.name, taught, path)
     print(f"{as_line(options.name, taught)}\nstored in {path}")
     return 0

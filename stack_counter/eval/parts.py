@@ -26,12 +26,18 @@ from stack_counter.errors import StackCounterError
 from stack_counter.eval.common import metrics
 from stack_counter.eval.common.sets import folder_of
 from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
-from stack_counter.parts.calibration import counted_scan
+from stack_counter.parts.calibration import calibrate
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.gamma_model import PartModels, Reading
 from stack_counter.pipeline import count_stack
 from stack_counter.sim import RECONSTRUCTED_KIND, SCENES_PER_RIG, Scene, read_scenes, reconstruct
-from stack_counter.teaching import Pile, PileScan, make_order, models_of, simulate_part
+from stack_counter.teaching import (
+    Pile,
+    PileScan,
+    fit_part_models,
+    make_pile_request,
+    simulate_part_piles,
+)
 from stack_counter.types import OccupancyEstimate, Reason, StackVolume
 
 ROWS = ("v only", "CAD", "one counted scan", "CAD and one counted scan", "three counted scans",
@@ -142,17 +148,17 @@ def _models(rig: Rig, options: argparse.Namespace) -> PartModels:
             )
         )
     )
-    order = make_order(shape.vertices, shape.faces, config)
+    order = make_pile_request(shape.vertices, shape.faces, config)
     heard = make_estimator(order.estimator).name
     rig_of = f"-rig{rig.number}" if options.container else ""
     name = f"{rig.family}-{rig.seed}-{options.piles}{rig_of}-{heard}.json".replace(" ", "-")
     path = options.cache / name
     if not path.exists():
-        piles = simulate_part(order, options.piles, options.workers, lambda: None)
+        piles = simulate_part_piles(order, options.piles, options.workers, lambda: None)
         path.write_text(json.dumps([asdict(pile) for pile in piles]) + "\n")
     kept = [Pile(*(None if seen is None else PileScan(**{**seen, "reading": Reading(
         **seen["reading"])}) for seen in pile.values())) for pile in json.loads(path.read_text())]
-    return models_of(order, kept, heard)
+    return fit_part_models(order, kept, heard)
 
 
 def _volume(scene: Scene) -> StackVolume | None:
@@ -167,7 +173,7 @@ def answers_of(rig: Rig, scans: list[tuple[Scene, StackVolume]], models: PartMod
                estimator: OccupancyEstimator, confidence: float) -> list[Answer]:
     """All rows for all scans of a rig."""
     bare = Part(rig.scenes[0].truth.unit_volume, "part")
-    counted = [counted_scan(bare, volume, scene.truth.count, estimator, str(scene.index),
+    counted = [calibrate(bare, volume, scene.truth.count, estimator, str(scene.index),
                             confidence, force=True).scan for scene, volume in scans]
     out = []
     for i, (scene, volume) in enumerate(scans):

@@ -108,6 +108,15 @@ def load_parts(path: Path | None = None) -> dict[str, Part]:
         raise ConfigError(f"no part catalogue {path}: {error.strerror}") from error
 
 
+def find_part(name: str, path: Path) -> Part | None:
+    """The part of that name; None where the catalogue does not hold it, or is not there yet.
+
+    Raises:
+        ConfigError: the catalogue is malformed.
+    """
+    return load_parts(path).get(name) if path.exists() else None
+
+
 def resolve_part(name: str, unit_volume: float, catalogue: str = "") -> Part:
     """Looks up the part that is named, or makes one of which no more than v is known.
 

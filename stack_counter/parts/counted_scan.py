@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Counted scans of a part: what each one found, and whether another is of the same rig."""
 
 from __future__ import annotations
@@ -12,23 +13,41 @@ import numpy as np
 from stack_counter.parts.gamma_model import Reading
 from stack_counter.types import StackVolume
 
-_SAME_SIZE = 0.15  # relative, of the inner sides of a container that is measured each time
-_SAME_FOCAL = 0.02  # relative, of a camera's focal length
+
+@dataclass(frozen=True)
+class SameRigSettings:
+    """How far scans of one rig may differ.
+
+    Attributes:
+        size_tolerance: relative, of the inner sides of a container that is measured each time;
+            chosen.
+        focal_tolerance: relative, of a camera's focal length; chosen.
+    """
+
+    size_tolerance: float = 0.15
+    focal_tolerance: float = 0.02
+
+
+SETTINGS = SameRigSettings()
 
 
 @dataclass(frozen=True)
 class CountedScan:
-    """One bin of known count.
+    """One bin of known count. The fields are keys of the part catalogue.
 
     Attributes:
-        date: when it was added; `bag`: name of its recording.
-        count: parts in it.
+        date: when it was added.
+        bag: name of its recording.
+        count: number of parts in it.
         log_gamma: log of count * v / V.
-        said: log of the gamma that `estimator` said.
-        height, width: of the fill in part lengths: see `part_model.Reading`.
-        one_side: it was seen from one side only.
-        container, inner_size_m: as found; zeros where not known.
-        focal_px: focal length of the key view's camera; 0 where there is none.
+        said: log of the gamma that `estimator` gave.
+        estimator: name of the estimator.
+        height: mean height of the fill, part lengths.
+        width: root of the footprint's area, part lengths.
+        one_side: whether it was seen from one side only.
+        container: kind of its container.
+        inner_size_m: inner sides of the container, metres; zeros where they are not known.
+        focal_px: focal length of the key view's camera, pixels; 0 where there is none.
     """
 
     date: str
@@ -45,10 +64,10 @@ class CountedScan:
     focal_px: float
 
     def checked(self) -> CountedScan:
-        """Itself.
+        """This scan, if its numbers can be.
 
         Raises:
-            ValueError: a number that cannot be.
+            ValueError: a number is not finite, or is not above 0 where it must be.
         """
         numbers = (self.log_gamma, self.said, *self.inner_size_m, self.focal_px)
         if not (isinstance(self.count, int) and self.count > 0 and self.height > 0
@@ -59,22 +78,23 @@ class CountedScan:
         return self
 
     def reading(self, estimator: str) -> Reading:
-        """For the part's model; what another estimator said is left out."""
-        said = self.said if estimator == self.estimator else math.nan
-        return Reading(self.height, self.width, said, self.log_gamma)
+        """This scan for a part's model; the gamma of another estimator is left out."""
+        estimated = self.said if estimator == self.estimator else math.nan
+        return Reading(self.height, self.width, estimated, self.log_gamma)
 
     def rig_difference(self, volume: StackVolume) -> str:
-        """In what a scan differs from this one's rig; empty if in nothing."""
+        """Text that says in what a scan differs from this one's rig; empty if in nothing."""
         kind, size = volume.container.kind, np.array(volume.container.inner_size_m)
         if kind != self.container:
             return f"container '{kind}'; expected '{self.container}', as on {self.date}"
-        mine = np.array(self.inner_size_m)
-        if mine.any() and size.any() and (np.abs(_sorted(size) / np.maximum(_sorted(mine), 1e-9)
-                                                 - 1) > _SAME_SIZE).any():
-            return (f"a container of {_mm(size)} mm; expected about {_mm(mine)} mm, as on "
-                    f"{self.date}")
-        focal = focal_of(volume)
-        if focal and self.focal_px and abs(focal / self.focal_px - 1) > _SAME_FOCAL:
+        own_size = np.array(self.inner_size_m)
+        if own_size.any() and size.any():
+            ratios = _shorter_first(size) / np.maximum(_shorter_first(own_size), 1e-9)
+            if (np.abs(ratios - 1) > SETTINGS.size_tolerance).any():
+                return (f"a container of {_in_mm(size)} mm; expected about {_in_mm(own_size)} mm, "
+                        f"as on {self.date}")
+        focal = focal_length_of(volume)
+        if focal and self.focal_px and abs(focal / self.focal_px - 1) > SETTINGS.focal_tolerance:
             return (f"a camera of {focal:.0f} px focal length; expected {self.focal_px:.0f} px, "
                     f"as on {self.date}")
         return ""
@@ -87,20 +107,20 @@ class CountedScan:
 
 
 def scans_of_same_rig(history: Sequence[CountedScan], volume: StackVolume) -> list[CountedScan]:
-    """Those counted scans that say something of a scan: of the same rig and way of looking."""
+    """Counted scans that tell something of a scan: of the same rig, seen from as many sides."""
     return [scan for scan in history
             if scan.one_side == volume.one_side and not scan.rig_difference(volume)]
 
 
-def focal_of(volume: StackVolume) -> float:
+def focal_length_of(volume: StackVolume) -> float:
     """Focal length of the key view's camera, pixels; 0 without one."""
     return float(volume.key_view.intrinsics.fx) if volume.key_view else 0.0
 
 
-def _sorted(size: np.ndarray) -> np.ndarray:
-    """The shorter side first: which one is x is chance, from scan to scan."""
+def _shorter_first(size: np.ndarray) -> np.ndarray:
+    """(3,) sizes, the shorter side first: which one is x is chance, from scan to scan."""
     return np.append(np.sort(size[:2]), size[2])
 
 
-def _mm(size: np.ndarray) -> str:
+def _in_mm(size: np.ndarray) -> str:
     return " x ".join(f"{1000 * s:.0f}" for s in size)

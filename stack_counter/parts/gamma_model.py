@@ -1,16 +1,17 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is known of one part's gamma, as one Gaussian over its scans.
 
-For each scan of a part stand two numbers: t, the log of its true gamma (over the measured V), and
-y, the log of what the estimator says. Both are linear in what the fill looks like in parts, and
-share with all other scans of that part on that rig an offset that nobody has seen (friction; how
-the part nests; how the network misreads it):
+Two numbers describe a scan of a part: t, the log of its true gamma (over the measured V), and y,
+the log of the gamma that the estimator gives. Both are linear in the size of the fill, and share
+with all other scans of that part on that rig an offset that is not known (friction; how the part
+nests; how the network misreads it):
 
     (t, y) = (B + U) x + e,    x = (1, 1 / (h + 1/2), 1 / w),
 
 h and w being fill height and container width in part lengths, U the same for all scans with
-covariance `shared`, e new in each with covariance `noise`. What is asked for, t of a scan given
-its y and counted scans (t, y), is then one conditional expectation: the network, the part's
-simulated piles and the counted scans are joined by their variances.
+covariance `shared`, e new in each with covariance `noise`. The estimate, t of a scan given its y
+and counted scans (t, y), is then one conditional expectation: the network, the part's simulated
+piles and the counted scans are joined by their variances.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,18 +31,50 @@ from stack_counter.types import StackVolume
 
 FEATURES = 3
 FORMAT = "stack_counter part model 1"
-_SOFT = 0.5  # l, added to the height: a single layer is no singularity
-_LEAST_SHARE = 0.1  # of the variance that gamma keeps when V's own is taken out
+_SCAN_KINDS = ("arc", "one_side")
+_SHAPES = {"coefficients": (2, FEATURES), "shared": (2 * FEATURES,) * 2, "noise": (2, 2),
+           "least": (2,), "friction": (2,)}
+
+
+@dataclass(frozen=True)
+class GammaModelSettings:
+    """Tunables of the model.
+
+    Attributes:
+        height_offset: added to a fill's height, part lengths, so that a single layer is no
+            singularity; chosen.
+        min_variance_share: share of the variance of log gamma that stays when V's own is taken
+            out; chosen.
+    """
+
+    height_offset: float = 0.5
+    min_variance_share: float = 0.1
+
+
+SETTINGS = GammaModelSettings()
+
+
+class FillSize(NamedTuple):
+    """Size of a fill in part lengths v**(1/3).
+
+    Attributes:
+        height: mean height over the footprint.
+        width: root of the footprint's area.
+    """
+
+    height: float
+    width: float
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One scan of a part.
+    """What a model needs of one scan of a part.
 
     Attributes:
-        height, width: mean height over the footprint, and the root of its area, in l = v**(1/3).
-        said: log of the estimator's gamma; NaN if there is none to compare.
-        true: log of count * v / V; NaN if the scan is not counted.
+        height: mean height over the footprint, part lengths.
+        width: root of the footprint's area, part lengths.
+        log_gamma_estimated: log of the estimator's gamma; NaN if there is none to compare.
+        log_gamma_counted: log of count * v / V; NaN if the scan is not counted.
     """
 
     height: float
@@ -51,29 +85,35 @@ class Reading:
 
 @dataclass(frozen=True)
 class GammaPosterior:
-    """What is thought of a scan's log gamma: mean, standard deviation (V's own error taken out),
-    shares of what it comes from (they sum to 1), and by how many standard deviations the
-    estimator is off what was expected of it."""
+    """Log gamma of a scan given all that is known.
+
+    Attributes:
+        mean: of log gamma.
+        std: standard deviation of log gamma, V's own error taken out.
+        shares: by source, how much of the mean comes from it; they sum to 1.
+        estimator_z_score: by how many standard deviations the estimator is off what was expected
+            of it; 0 without an estimate.
+    """
 
     mean: float
     std: float
     shares: dict[str, float]
-    surprise: float
+    estimator_z_score: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GammaModel:
-    """The Gaussian of the module's docstring.
+    """The Gaussian of the module's docstring. All arrays are float64.
 
     Attributes:
-        coefficients: (2, FEATURES) float64 B; rows t, y.
+        coefficients: (2, FEATURES) B; rows t, y.
         shared: (2 * FEATURES, 2 * FEATURES) covariance of U, t's coefficients first.
         noise: (2, 2) covariance of e.
         volume_variance: mean variance of log V that `noise` contains.
         scores: (n,) errors of t on piles left out, in their standard deviations.
-        least: (2,) smallest height and width that it was fitted on, l.
-        friction: (2,) change of t and y per 1 of friction; NaN where not known.
-        source: what it knows the part from, as `shares` calls it: `piles` of this part, or
+        least: (2,) smallest height and width that it was fitted on, part lengths.
+        friction: (2,) change of t and y per 1 of friction; NaN where it is not known.
+        source: what the model was fitted to, as `shares` calls it: `piles` of this part, or
             `training` piles of others.
     """
 
@@ -86,72 +126,88 @@ class GammaModel:
     friction: np.ndarray
     source: str
 
-    def believe(self, scan: Reading, counted: Sequence[Reading] = (), unit_std: float = 0.0
-                ) -> GammaPosterior:
-        """t of a scan.
+    def posterior(self, scan: Reading, counted: Sequence[Reading] = (), unit_std: float = 0.0
+                  ) -> GammaPosterior:
+        """Log gamma of a scan given its estimate and the counted scans.
 
         Args:
-            scan: not counted.
+            scan: of which the count is asked for.
             counted: other scans of the part on the same rig.
             unit_std: relative standard deviation of v, an error that all scans share.
         """
         scans = [*counted, scan]
-        mean, covariance = self._joint(scans, unit_std)
-        n, values = (
-            len(scans),
-            np.array([[s.log_gamma_counted, s.log_gamma_estimated] for s in scans]).T.ravel(),
-        )
-        new, said = n - 1, 2 * n - 1
+        prior_mean, prior = self._joint(scans, unit_std)
+        values = _stacked_values(scans)
+        t, y = len(scans) - 1, 2 * len(scans) - 1  # where the scan's own two numbers stand
         known = np.flatnonzero(np.isfinite(values))
-        history = known[known != said]
-        before, spread = condition_gaussian(
-            mean, covariance, values, history
-        )  # counted scans alone
-        weight, surprise = 0.0, 0.0
+        history = known[known != y]
+        # Condition on the counted scans alone, then on the scan's estimate too.
+        history_mean, by_history = condition_gaussian(prior_mean, prior, values, history)
+        mean, by_all = condition_gaussian(prior_mean, prior, values, known)
+        # Compare the estimate with what the history lets expect of it.
+        estimator_weight, z_score = 0.0, 0.0
         if np.isfinite(scan.log_gamma_estimated):
-            difference = scan.log_gamma_estimated - before[said]
-            weight = float(np.clip(spread[new, said] / spread[said, said], 0, 1))
-            surprise = float(difference) / np.sqrt(spread[said, said])
-        after, narrow = condition_gaussian(mean, covariance, values, known)
-        std = np.sqrt(max(narrow[new, new] - self.volume_variance,
-                          _LEAST_SHARE * narrow[new, new]))
-        learnt = 1 - (spread[new, new] - self.noise[0, 0]) / (
-            covariance[new, new] - self.noise[0, 0]) if len(history) else 0.0
-        learnt = float(np.clip(learnt, 0, 1))
-        shares = {"estimator": weight, self.source: (1 - weight) * (1 - learnt)}
-        if len(history):
-            shares["counted"] = (1 - weight) * learnt
-        return GammaPosterior(float(after[new]), float(std), shares, float(surprise))
+            difference = scan.log_gamma_estimated - history_mean[y]
+            estimator_weight = float(np.clip(by_history[t, y] / by_history[y, y], 0, 1))
+            z_score = float(difference) / np.sqrt(by_history[y, y])
+        # Take the error of V out of the variance: the count adds it by itself.
+        std = np.sqrt(max(by_all[t, t] - self.volume_variance,
+                          SETTINGS.min_variance_share * by_all[t, t]))
+        shares = self._shares(estimator_weight, prior[t, t], by_history[t, t], bool(len(history)))
+        return GammaPosterior(float(mean[t]), float(std), shares, float(z_score))
 
-    def expected_count_error(self, scan: Reading, counted: Sequence[Reading], unit_std: float = 0.0
-                             ) -> float:
+    def _shares(self, estimator_weight: float, prior: float, by_history: float,
+                has_history: bool) -> dict[str, float]:
+        """How much of the mean comes from each source.
+
+        Args:
+            estimator_weight: weight of the estimate.
+            prior: variance of t before anything was counted.
+            by_history: variance of t given the counted scans.
+            has_history: whether there are counted scans.
+        """
+        learnt = 1 - (by_history - self.noise[0, 0]) / (prior - self.noise[0, 0]) \
+            if has_history else 0.0
+        learnt = float(np.clip(learnt, 0, 1))
+        shares = {"estimator": estimator_weight,
+                  self.source: (1 - estimator_weight) * (1 - learnt)}
+        if has_history:
+            shares["counted"] = (1 - estimator_weight) * learnt
+        return shares
+
+    def counted_z_score(self, scan: Reading, counted: Sequence[Reading], unit_std: float = 0.0
+                        ) -> float:
         """By how many standard deviations a counted scan disagrees with those before it."""
-        mean, covariance = self._joint([*counted, scan], unit_std)
-        values = np.array(
-            [[s.log_gamma_counted, s.log_gamma_estimated] for s in [*counted, scan]]
-        ).T.ravel()
-        new, known = len(counted), np.flatnonzero(np.isfinite(values))
-        after, narrow = condition_gaussian(mean, covariance, values, known[known != new])
-        return float((scan.log_gamma_counted - after[new]) / np.sqrt(narrow[new, new]))
+        scans = [*counted, scan]
+        mean, covariance = self._joint(scans, unit_std)
+        values, t = _stacked_values(scans), len(counted)
+        known = np.flatnonzero(np.isfinite(values))
+        expected, spread = condition_gaussian(mean, covariance, values, known[known != t])
+        return float((scan.log_gamma_counted - expected[t]) / np.sqrt(spread[t, t]))
 
     def gamma_at(self, height: float, width: float) -> tuple[float, float]:
-        """gamma of a fill before anything was seen of it, and its standard deviation."""
+        """gamma of a fill before any scan of it, and its standard deviation.
+
+        Args:
+            height: of the fill, part lengths.
+            width: of the fill, part lengths.
+        """
         mean, covariance = self._joint([Reading(height, width)], 0.0)
         gamma = float(np.exp(mean[0]))
         return gamma, gamma * float(np.sqrt(covariance[0, 0]))
 
     def covers(self, scan: Reading) -> bool:
-        """Whether such fills were among those it was fitted on; large ones differ little."""
+        """Whether the model was fitted on such fills; large ones differ little."""
         return bool(scan.height >= self.least[0] and scan.width >= self.least[1])
 
     def _joint(self, scans: Sequence[Reading], unit_std: float) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (2 n,) and covariance of all t, then all y."""
-        x = features(np.array([s.height for s in scans]), np.array([s.width for s in scans]))
-        both = np.kron(np.eye(2), x)  # (2 n, 2 FEATURES)
+        """Mean (2 n,) and covariance (2 n, 2 n) of all t, then all y, of n scans."""
+        x = fill_features(np.array([s.height for s in scans]), np.array([s.width for s in scans]))
+        design = np.kron(np.eye(2), x)  # (2 n, 2 FEATURES)
         shared = self.shared.copy()
         shared[0, 0] += unit_std**2
-        covariance = both @ shared @ both.T + np.kron(self.noise, np.eye(len(scans)))
-        return both @ self.coefficients.ravel(), covariance
+        covariance = design @ shared @ design.T + np.kron(self.noise, np.eye(len(scans)))
+        return design @ self.coefficients.ravel(), covariance
 
     @cached_property
     def per_tenth_of_friction(self) -> float:
@@ -159,20 +215,20 @@ class GammaModel:
         return float(np.exp(0.1 * self.friction[0]) - 1)
 
     def per_tenth_of_width(self, height: float, width: float) -> float:
-        """Relative change of gamma where the container is taken 10% too wide."""
-        wrong, right = self.gamma_at(height, 1.1 * width)[0], self.gamma_at(height, width)[0]
-        return wrong / right - 1
+        """Relative change of gamma where the container is taken to be 10% too wide."""
+        too_wide, right = self.gamma_at(height, 1.1 * width)[0], self.gamma_at(height, width)[0]
+        return too_wide / right - 1
 
 
 @dataclass(frozen=True)
 class PartModels:
-    """A part's Gaussians.
+    """A part's models of gamma, one for each kind of scan.
 
     Attributes:
-        estimator: name of who said `Reading.log_gamma_estimated`.
-        arc: of scans from around.
-        one_side: of single views from above.
-        made: how, for people.
+        estimator: name of the estimator that gave `Reading.log_gamma_estimated`.
+        arc: for scans with views from around.
+        one_side: for single views from above.
+        made: text for people that names what they were fitted to.
     """
 
     estimator: str
@@ -181,29 +237,28 @@ class PartModels:
     made: str
 
     def write(self, path: Path) -> None:
-        """Writes them as JSON. Raises OSError."""
+        """Writes the models as JSON.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
         document = {"format": FORMAT, "estimator": self.estimator, "made": self.made,
-                    **{name: _as_lists(getattr(self, name)) for name in _VIEWED}}
+                    **{kind: _as_lists(getattr(self, kind)) for kind in _SCAN_KINDS}}
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, json.dumps(document) + "\n")
 
 
-_VIEWED = ("arc", "one_side")
-_SHAPES = {"coefficients": (2, FEATURES), "shared": (2 * FEATURES,) * 2, "noise": (2, 2),
-           "least": (2,), "friction": (2,)}
-
-
 def read_models(path: Path) -> PartModels:
-    """What `PartModels.write` wrote.
+    """Reads what `PartModels.write` wrote.
 
     Raises:
-        PartError: missing, or not such a file.
+        PartError: the file is missing, or no such file.
     """
     try:
         document = json.loads(path.read_text())
         if document["format"] != FORMAT:
             raise ValueError(f"format '{document['format']}' (not '{FORMAT}')")
-        arc, one_side = (_model(document[name]) for name in _VIEWED)
+        arc, one_side = (_model_of(document[kind]) for kind in _SCAN_KINDS)
         return PartModels(str(document["estimator"]), arc, one_side, str(document["made"]))
     except OSError as error:
         raise PartError(f"no gamma prior {path}: {error.strerror}; expected the file that "
@@ -213,7 +268,7 @@ def read_models(path: Path) -> PartModels:
                         "`stack-counter part add` writes") from error
 
 
-def _model(values: dict) -> GammaModel:
+def _model_of(values: dict) -> GammaModel:
     arrays = {key: np.array(values[key], float) for key in (*_SHAPES, "scores")}
     for key, shape in _SHAPES.items():
         if arrays[key].shape != shape:
@@ -225,17 +280,23 @@ def _model(values: dict) -> GammaModel:
 
 
 def _as_lists(model: GammaModel) -> dict:
+    """Fields of a model with arrays as lists of six digits."""
     return {key: np.array([float(f"{x:.6g}") for x in value.ravel()]).reshape(value.shape).tolist()
             if isinstance(value, np.ndarray) else value for key, value in asdict(model).items()}
 
 
-def features(height: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """(n, FEATURES) of (n,) heights and widths in l."""
-    return np.stack([np.ones_like(height), 1 / (height + _SOFT), 1 / width], axis=1)
+def fill_features(height: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """(n, FEATURES) x of the module's docstring, of (n,) heights and widths in part lengths."""
+    return np.stack([np.ones_like(height), 1 / (height + SETTINGS.height_offset), 1 / width],
+                    axis=1)
 
 
-def size_of(volume: StackVolume, unit_volume: float) -> tuple[float, float]:
-    """Mean height of a stack over its footprint and the root of that one's area, in l.
+def fill_size(volume: StackVolume, unit_volume: float) -> FillSize:
+    """Measures the size of a fill in part lengths.
+
+    Args:
+        volume: of a scan with depth.
+        unit_volume: v, m3.
 
     Raises:
         ScanError: the scan has no depth, or shows no footprint.
@@ -246,16 +307,30 @@ def size_of(volume: StackVolume, unit_volume: float) -> tuple[float, float]:
     area = np.count_nonzero(cells) * volume.top.pitch**2
     if not area:
         raise ScanError(f"0 of {cells.size} cells of the top surface are finite; expected some")
-    length = unit_volume ** (1 / 3)
-    return volume.stack_volume / area / length, float(np.sqrt(area)) / length
+    part_length = unit_volume ** (1 / 3)
+    return FillSize(volume.stack_volume / area / part_length, float(np.sqrt(area)) / part_length)
 
 
-def condition_gaussian(
-    mean: np.ndarray, covariance: np.ndarray, values: np.ndarray, known: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and covariance of a Gaussian, some of whose values are known."""
+def condition_gaussian(mean: np.ndarray, covariance: np.ndarray, values: np.ndarray,
+                       known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Conditions a Gaussian on some of its values.
+
+    Args:
+        mean: (n,).
+        covariance: (n, n).
+        values: (n,); those that are not known are not used.
+        known: (m,) int indices of the values that are.
+
+    Returns:
+        Mean (n,) and covariance (n, n).
+    """
     if not len(known):
         return mean, covariance
     gain = np.linalg.solve(covariance[np.ix_(known, known)], covariance[known]).T
     return (mean + gain @ (values[known] - mean[known]),
             covariance - gain @ covariance[known])
+
+
+def _stacked_values(scans: Sequence[Reading]) -> np.ndarray:
+    """(2 n,) float64 of all t, then all y, of n scans; NaN where not known."""
+    return np.array([[s.log_gamma_counted, s.log_gamma_estimated] for s in scans]).T.ravel()

@@ -8,10 +8,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from stack_counter.teaching.add_part import make_order, models_of, simulate_part
+    from stack_counter.teaching.add_part import (
+        fit_part_models,
+        make_pile_request,
+        simulate_part_piles,
+    )
     from stack_counter.teaching.simulated_piles import Pile, PileScan
 
-__all__ = ["Pile", "PileScan", "make_order", "models_of", "simulate_part"]
+__all__ = ["Pile", "PileScan", "make_pile_request", "fit_part_models", "simulate_part_piles"]
 _SIMULATED = ("Pile", "PileScan")
 
 

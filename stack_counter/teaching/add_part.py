@@ -1,33 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a part's mesh to what is known of its gamma: `stack-counter part add`."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
 
 import numpy as np
 
 from stack_counter.config import Config
 from stack_counter.errors import PartError
 from stack_counter.occupancy.baselines import make_estimator
+from stack_counter.occupancy.gamma_net import save_tuning, tuned_name
+from stack_counter.parts.calibration import history_at_volume
+from stack_counter.parts.catalogue import Part, find_part, save_part
 from stack_counter.parts.gamma_model import PartModels
 from stack_counter.sim import FRICTION, ShapeError, shape_from_mesh
 from stack_counter.teaching.model_fit import fit_model
+from stack_counter.teaching.part_mesh import PartMesh
 from stack_counter.teaching.simulated_piles import Pile, PileRequest, rig_container, simulate_piles
+from stack_counter.teaching.tuning import Tuning, tune
 
 
-def make_order(vertices: np.ndarray, faces: np.ndarray, config: Config,
-               friction: tuple[float, float] = FRICTION, tune: bool = False) -> PileRequest:
-    """What to simulate for a part on the rig that the settings describe.
+@dataclass(frozen=True)
+class PartRequest:
+    """What a part is to be added by.
+
+    Attributes:
+        name: of the part in the catalogue.
+        mesh_path: its CAD file, of which a copy is stored beside the catalogue.
+        unit: of the file's numbers.
+        density: of the material, kg/m3; None: as it is known already.
+        friction: least and most, of parts on each other; None: as it is known already.
+        piles: number of piles to simulate.
+        workers: number of processes.
+        tune: whether the network's last layers are adapted to the piles, where that is better.
+        force: whether a part of another v is replaced, and its counted bins forgotten.
+    """
+
+    name: str
+    mesh_path: Path
+    unit: str = "mm"
+    density: float | None = None
+    friction: tuple[float, float] | None = None
+    piles: int = 64
+    workers: int = 1
+    tune: bool = False
+    force: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class AddedPart:
+    """A part as it was added: what its piles say of gamma, and the tuning where one was tried."""
+
+    part: Part
+    models: PartModels
+    tuning: Tuning | None
+
+
+def add_part(request: PartRequest, mesh: PartMesh, config: Config, catalogue: Path,
+             on_pile: Callable[[], None]) -> AddedPart:
+    """Simulates piles of a part, fits its models and writes it into a catalogue.
 
     Args:
-        vertices: (n, 3) metres; `faces` (m, 3), counter-clockwise from outside.
+        request: what is wanted.
+        mesh: of the part, read from `request.mesh_path`.
+        config: settings; they describe the rig.
+        catalogue: file; the part's own files go into `parts` beside it.
+        on_pile: called after each pile, for progress.
+
+    Raises:
+        ConfigError: the catalogue is malformed, or the settings name an unknown container.
+        PartError: the part is there with another v, does not pile up, or too few of its piles
+            gave a scan.
+    """
+    # Refuse another v, then simulate.
+    old = find_part(request.name, catalogue)
+    history_at_volume(old, mesh.unit_volume, request.force)
+    low, high = sorted(request.friction or (old.friction if old and old.friction else FRICTION))
+    order = make_pile_request(mesh.vertices, mesh.faces, config, (low, high), request.tune)
+    piles = simulate_part_piles(order, request.piles, request.workers, on_pile)
+    models = fit_part_models(order, piles)
+    # Tune the network, and keep that if it is better on piles left out.
+    folder = catalogue.parent / "parts"
+    folder.mkdir(parents=True, exist_ok=True)
+    tuning, tuned = tune(piles) if request.tune else None, None
+    if tuning is not None and tuning.better:
+        tuned = folder / f"{request.name}.safetensors"
+        save_tuning(tuned, tuning.weight, tuning.bias, models.estimator)
+        name = tuned_name(models.estimator, tuning.weight, tuning.bias)
+        models = fit_part_models(order, tuning.piles, name)
+    # Store the models, the mesh and the entry; bins may have been counted meanwhile.
+    prior = folder / f"{request.name}.json"
+    models.write(prior)
+    stored = _store_mesh(request, folder)
+    old = find_part(request.name, catalogue)
+    density = request.density if request.density is not None else old.density if old else 0.0
+    part = Part(mesh.unit_volume, request.name, 0.0, stored, density, (low, high), prior, tuned,
+                f"{date.today()} from {request.mesh_path.name}, unit {request.unit}",
+                history_at_volume(old, mesh.unit_volume, request.force))
+    save_part(part, catalogue)
+    return AddedPart(part, models, tuning)
+
+
+def _store_mesh(request: PartRequest, folder: Path) -> Path:
+    stored = folder / f"{request.name}{request.mesh_path.suffix.lower()}"
+    if stored.resolve() != request.mesh_path.resolve():
+        shutil.copyfile(request.mesh_path, stored)
+    return stored
+
+
+def make_pile_request(vertices: np.ndarray, faces: np.ndarray, config: Config,
+                      friction: tuple[float, float] = FRICTION, tune: bool = False
+                      ) -> PileRequest:
+    """Describes what to simulate for a part on the rig of the settings.
+
+    Args:
+        vertices: (n, 3) float64, metres, in the part's own frame.
+        faces: (m, 3) int32, counter-clockwise from outside.
         config: settings.
         friction: least and most, of parts on each other.
-        tune: the network's last layers shall be adapted to the piles.
+        tune: whether the network's last layers are to be adapted to the piles.
 
     Raises:
         ConfigError: the settings name a container that is not known.
-        PartError: the mesh is no solid that the simulator can use; no network to tune.
+        PartError: the mesh is no solid that the simulator can use, or there is no network to
+            tune.
     """
     try:
         shape = shape_from_mesh(vertices, faces, "part")
@@ -39,36 +140,42 @@ def make_order(vertices: np.ndarray, faces: np.ndarray, config: Config,
     return PileRequest(shape, rig_container(config.reconstructor), friction, config.counter, tune)
 
 
-def simulate_part(order: PileRequest, piles: int, workers: int, on_pile: Callable[[], None]
-                  ) -> list[Pile]:
-    """The piles; `on_pile` is called after each.
+def simulate_part_piles(request: PileRequest, count: int, workers: int,
+                        on_pile: Callable[[], None]) -> list[Pile]:
+    """Simulates piles of a part; `on_pile` is called after each.
 
     Raises:
         PartError: the part does not pile up.
     """
-    made = []
+    piles = []
     try:
-        for pile in simulate_piles(order, piles, workers):
-            made.append(pile)
+        for pile in simulate_piles(request, count, workers):
+            piles.append(pile)
             on_pile()
     except ShapeError as error:
         raise PartError(f"{error}; a part of many small details: expected a mesh without threads "
                         "and lettering") from error
-    return made
+    return piles
 
 
-def models_of(order: PileRequest, piles: list[Pile], estimator: str = "") -> PartModels:
-    """What the piles say; `estimator`: its name, where it is another than the order's.
+def fit_part_models(request: PileRequest, piles: list[Pile], estimator: str = "") -> PartModels:
+    """Fits a part's models of gamma to its piles.
+
+    Args:
+        request: by which the piles were simulated.
+        piles: of the part.
+        estimator: name of the estimator that read the piles, where it is another than the
+            request's.
 
     Raises:
-        PartError: too few of them gave a scan.
+        PartError: too few of the piles gave a scan.
     """
-    low, high = order.friction
-    where = "containers of all widths" if order.container is None else \
-        f"{order.container.kind} of " + " x ".join(
-            f"{1000 * s:.0f}" for s in order.container.inner_size_m) + " mm"
+    low, high = request.friction
+    where = "containers of all widths" if request.container is None else \
+        f"{request.container.kind} of " + " x ".join(
+            f"{1000 * s:.0f}" for s in request.container.inner_size_m) + " mm"
     return PartModels(
-        estimator or make_estimator(order.estimator).name,
+        estimator or make_estimator(request.estimator).name,
         fit_model([p.arc for p in piles if p.arc]),
         fit_model([p.above for p in piles if p.above], "one side"),
         f"{len(piles)} simulated piles, {where}, friction {low:g} to {high:g}")

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from stack_counter.errors import PartError
-from stack_counter.parts.gamma_model import FEATURES, GammaModel, features
+from stack_counter.parts.gamma_model import FEATURES, GammaModel, fill_features
 from stack_counter.teaching.simulated_piles import PileScan
 
 _LEAST_PILES = 24  # of some eight numbers to find
@@ -52,7 +52,7 @@ def left_out_error(piles: Sequence[PileScan], seen: str) -> float:
     for left in usual:
         model = _fitted([p for p in usual if p is not left], seen)
         misses.append(left.reading.log_gamma_counted
-                      - model.believe(replace(left.reading, log_gamma_counted=np.nan)).mean)
+                      - model.posterior(replace(left.reading, log_gamma_counted=np.nan)).mean)
     return float(np.mean(np.square(misses)))
 
 
@@ -79,17 +79,16 @@ def _fitted(piles: Sequence[PileScan], seen: str) -> GammaModel:
 
 def _score(model: GammaModel, pile: PileScan) -> float:
     """The error of a pile that the model has not seen, in its standard deviations."""
-    belief = model.believe(replace(pile.reading, log_gamma_counted=np.nan))
-    return float(
-        (pile.reading.log_gamma_counted - belief.mean) / np.hypot(belief.std, pile.volume_std)
-    )
+    posterior = model.posterior(replace(pile.reading, log_gamma_counted=np.nan))
+    error = pile.reading.log_gamma_counted - posterior.mean
+    return float(error / np.hypot(posterior.std, pile.volume_std))
 
 
 def _arrays(piles: Sequence[PileScan]) -> tuple[np.ndarray, np.ndarray]:
     """(n, FEATURES + 1) features, friction about the middle of its range last; (n, 2) t and y."""
     friction = np.array([p.friction for p in piles])
-    x = features(np.array([p.reading.height for p in piles]),
-                 np.array([p.reading.width for p in piles]))
+    x = fill_features(np.array([p.reading.height for p in piles]),
+                      np.array([p.reading.width for p in piles]))
     middle = (friction.min() + friction.max()) / 2
     return (
         np.column_stack([x, friction - middle]),

@@ -16,7 +16,7 @@ from stack_counter.container.catalogue import configured_container
 from stack_counter.errors import PartError, ScanError, StackCounterError
 from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
 from stack_counter.occupancy.network import NetworkEstimator
-from stack_counter.parts.gamma_model import Reading, size_of
+from stack_counter.parts.gamma_model import Reading, fill_size
 from stack_counter.sim import (
     ContainerShape,
     Scene,
@@ -163,7 +163,7 @@ def counted_reading(
     if not volume.stack_volume > 0:
         raise ScanError(f"V of {count} parts is {volume.stack_volume} m3; expected some")
     said = float(np.log(estimator.estimate(volume, unit_volume).gamma))
-    return Reading(*size_of(volume, unit_volume), said,
+    return Reading(*fill_size(volume, unit_volume), said,
                    float(np.log(count * unit_volume / volume.stack_volume)))
 
 

@@ -24,7 +24,13 @@ from scipy.optimize import minimize
 from stack_counter.occupancy.gamma_net import load_members
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
 from stack_counter.occupancy.network import TrainingDomain
-from stack_counter.parts.gamma_model import FEATURES, GammaModel, PartModels, Reading, features
+from stack_counter.parts.gamma_model import (
+    FEATURES,
+    GammaModel,
+    PartModels,
+    Reading,
+    fill_features,
+)
 from stack_counter.sim import SCENES_PER_RIG
 from stack_counter.train.calibrate import Residual, center_of, residuals
 from stack_counter.train.data.batches import fold_of
@@ -71,7 +77,7 @@ def volume_errors(of: list[Residual]) -> tuple[np.ndarray, float]:
         if r.scan.found and abs(error) < 0.15:
             rigs[_rig(r)].append((error, *_size(r)))
     groups = [np.array(rig) for rig in rigs.values() if len(rig) >= _LEAST]
-    seen = [(g[:, 0], features(g[:, 1], g[:, 2])[:, :_SHARED]) for g in groups]
+    seen = [(g[:, 0], fill_features(g[:, 1], g[:, 2])[:, :_SHARED]) for g in groups]
 
     def root(p: np.ndarray) -> np.ndarray:
         return np.array([[p[0], 0.0], [p[1], p[2]]])
@@ -114,7 +120,8 @@ def fit(rigs: Rigs) -> GammaModel:
     data = [
         (
             torch.tensor(
-                features(np.array([s.height for s, _ in rig]), np.array([s.width for s, _ in rig]))
+                fill_features(np.array([s.height for s, _ in rig]),
+                              np.array([s.width for s, _ in rig]))
             ),
             torch.tensor(
                 np.array([[s.log_gamma_counted, s.log_gamma_estimated] for s, _ in rig]).T.ravel()
@@ -156,12 +163,12 @@ def errors(rigs: Rigs, counted: int) -> tuple[np.ndarray, np.ndarray]:
                 others = [s for k, (s, _) in enumerate(rig) if k != i]
                 for _ in range(3):
                     taken = random.choice(len(others), counted, replace=False)
-                    belief = model.believe(
+                    posterior = model.posterior(
                         Reading(scan.height, scan.width, scan.log_gamma_estimated),
                         [others[k] for k in taken],
                     )
-                    misses.append(scan.log_gamma_counted - belief.mean)
-                    scores.append(misses[-1] / np.hypot(belief.std, deviation))
+                    misses.append(scan.log_gamma_counted - posterior.mean)
+                    scores.append(misses[-1] / np.hypot(posterior.std, deviation))
     return np.array(misses), np.array(scores)
 
 

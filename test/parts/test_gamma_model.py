@@ -10,9 +10,9 @@ from stack_counter.errors import PartError, ScanError
 from stack_counter.parts.gamma_model import (
     PartModels,
     Reading,
-    features,
+    fill_features,
+    fill_size,
     read_models,
-    size_of,
 )
 from stack_counter.types import Container, HeightMap, StackVolume, ViewTally
 
@@ -21,30 +21,31 @@ SCAN = Reading(3.0, 6.0, np.log(0.5))
 
 def test_two_independent_sources_are_joined_by_their_variances():
     made = gamma_model_with_signal(0.1)
-    belief = made.believe(SCAN)
+    posterior = made.posterior(SCAN)
     weight = 0.1**2 / (0.1**2 + 0.04**2)  # of what is said; the prior's own error is 0.1
     expected = np.log(0.6) + weight * (np.log(0.5) - np.log(0.6))
-    assert belief.mean == pytest.approx(expected)
-    assert belief.shares == pytest.approx({"estimator": weight, "piles": 1 - weight})
-    assert belief.std**2 == pytest.approx(0.1**2 * (1 - weight) + 0.03**2)
-    assert belief.surprise == pytest.approx((np.log(0.5) - np.log(0.6)) / np.hypot(0.1, 0.04))
+    assert posterior.mean == pytest.approx(expected)
+    assert posterior.shares == pytest.approx({"estimator": weight, "piles": 1 - weight})
+    assert posterior.std**2 == pytest.approx(0.1**2 * (1 - weight) + 0.03**2)
+    assert posterior.estimator_z_score == pytest.approx(
+        (np.log(0.5) - np.log(0.6)) / np.hypot(0.1, 0.04))
 
 
 def test_an_estimator_that_knows_nothing_of_the_part_weighs_nothing():
-    belief = gamma_model().believe(SCAN)
-    assert belief.mean == pytest.approx(np.log(0.6)) and belief.shares["estimator"] == 0
+    posterior = gamma_model().posterior(SCAN)
+    assert posterior.mean == pytest.approx(np.log(0.6)) and posterior.shares["estimator"] == 0
 
 
 def test_counted_scans_shrink_the_part_of_the_error_that_all_share():
-    made, seen = gamma_model(), dataclasses.replace(SCAN, true=np.log(0.7))
-    stds, means = [made.believe(SCAN).std], []
+    made, seen = gamma_model(), dataclasses.replace(SCAN, log_gamma_counted=np.log(0.7))
+    stds, means = [made.posterior(SCAN).std], []
     for count in (1, 3, 30):
-        belief = made.believe(SCAN, [seen] * count)
-        stds.append(belief.std)
-        means.append(belief.mean)
+        posterior = made.posterior(SCAN, [seen] * count)
+        stds.append(posterior.std)
+        means.append(posterior.mean)
         shared = 1 / (1 / 0.1**2 + count / 0.03**2)
-        assert belief.std == pytest.approx(np.sqrt(shared + 0.03**2))
-        assert sum(belief.shares.values()) == pytest.approx(1)
+        assert posterior.std == pytest.approx(np.sqrt(shared + 0.03**2))
+        assert sum(posterior.shares.values()) == pytest.approx(1)
     assert stds == sorted(stds, reverse=True) and stds[-1] > 0.03
     assert means == sorted(means) and means[0] < np.log(0.7)
     # A posterior, not an average of ratios: one scan is not believed whole.
@@ -53,24 +54,24 @@ def test_counted_scans_shrink_the_part_of_the_error_that_all_share():
 
 
 def test_the_error_of_v_is_one_that_counted_scans_take_away():
-    made, seen = gamma_model(shared=0.0), dataclasses.replace(SCAN, true=np.log(0.7))
-    assert made.believe(SCAN, unit_std=0.1).std == pytest.approx(np.hypot(0.1, 0.03))
-    assert made.believe(SCAN, [seen] * 20, 0.1).std < 0.032
+    made, seen = gamma_model(shared=0.0), dataclasses.replace(SCAN, log_gamma_counted=np.log(0.7))
+    assert made.posterior(SCAN, unit_std=0.1).std == pytest.approx(np.hypot(0.1, 0.03))
+    assert made.posterior(SCAN, [seen] * 20, 0.1).std < 0.032
 
 
 def test_an_estimate_without_a_common_name_is_left_out():
-    silent = dataclasses.replace(SCAN, said=np.nan)
-    belief = gamma_model_with_signal(0.1).believe(silent)
-    assert belief.mean == pytest.approx(np.log(0.6)) and belief.surprise == 0
-    assert belief.shares == {"estimator": 0.0, "piles": 1.0}
+    silent = dataclasses.replace(SCAN, log_gamma_estimated=np.nan)
+    posterior = gamma_model_with_signal(0.1).posterior(silent)
+    assert posterior.mean == pytest.approx(np.log(0.6)) and posterior.estimator_z_score == 0
+    assert posterior.shares == {"estimator": 0.0, "piles": 1.0}
 
 
 def test_drift_is_told_from_scatter():
     made = gamma_model()
-    history = [dataclasses.replace(SCAN, true=np.log(0.6))] * 5
-    near, far = (dataclasses.replace(SCAN, true=np.log(x)) for x in (0.62, 0.75))
-    assert abs(made.expected_count_error(near, history)) < 2
-    assert made.expected_count_error(far, history) > 3
+    history = [dataclasses.replace(SCAN, log_gamma_counted=np.log(0.6))] * 5
+    near, far = (dataclasses.replace(SCAN, log_gamma_counted=np.log(x)) for x in (0.62, 0.75))
+    assert abs(made.counted_z_score(near, history)) < 2
+    assert made.counted_z_score(far, history) > 3
 
 
 def test_gamma_over_fills_and_what_it_depends_on():
@@ -81,7 +82,7 @@ def test_gamma_over_fills_and_what_it_depends_on():
     assert tilted.per_tenth_of_width(2.0, 5.0) == pytest.approx(np.exp(1 / 5 - 1 / 5.5) - 1)
     assert made.per_tenth_of_friction == pytest.approx(np.exp(-0.03) - 1)
     assert made.covers(SCAN) and not made.covers(Reading(0.3, 6.0))
-    assert features(np.array([0.5]), np.array([4.0])).tolist() == [[1.0, 1.0, 0.25]]
+    assert fill_features(np.array([0.5]), np.array([4.0])).tolist() == [[1.0, 1.0, 0.25]]
 
 
 def test_models_survive_a_file(tmp_path):
@@ -90,7 +91,7 @@ def test_models_survive_a_file(tmp_path):
     made.write(path)
     again = read_models(path)
     assert (again.estimator, again.made) == ("network 7", "64 piles")
-    assert again.one_side.believe(SCAN).std == pytest.approx(made.one_side.believe(SCAN).std,
+    assert again.one_side.posterior(SCAN).std == pytest.approx(made.one_side.posterior(SCAN).std,
                                                              rel=1e-4)
 
 
@@ -111,7 +112,7 @@ def test_the_size_of_a_stack_is_in_part_lengths():
     area = 19 * 30 * 1e-4
     volume = StackVolume(0, 0.02 * area, 0.0, Container("box", np.eye(4)), (0, 0, 0), 1.0, *maps,
                          None, ViewTally())
-    height, width = size_of(volume, 1e-6)
+    height, width = fill_size(volume, 1e-6)
     assert height == pytest.approx(2.0) and width == pytest.approx(np.sqrt(area) / 0.01)
     with pytest.raises(ScanError, match="no depth"):
-        size_of(dataclasses.replace(volume, top=None), 1e-6)
+        fill_size(dataclasses.replace(volume, top=None), 1e-6)

@@ -16,7 +16,7 @@ from kits.known_parts import (
 
 from stack_counter.display.report import as_dict, as_text
 from stack_counter.errors import PartError
-from stack_counter.parts.calibration import count_from_weight, counted_scan
+from stack_counter.parts.calibration import calibrate, count_from_weight
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import scans_of_same_rig
 from stack_counter.parts.gamma_model import PartModels
@@ -142,7 +142,7 @@ def test_a_calibration_of_another_rig_is_not_used(volume):
 # --- counted bins --------------------------------------------------------------------------
 
 def count_bin(part, count, volume=None, force=False):
-    return counted_scan(
+    return calibrate(
         part, volume or stack_volume_of_box(), count, ConstantEstimator(), "bag", 0.9, force
     )
 
@@ -152,7 +152,7 @@ def test_a_counted_bin_is_what_it_says(nut):
     assert counted.scan.log_gamma == pytest.approx(np.log(150 * V / 0.00024))
     assert counted.scan.said == pytest.approx(np.log(0.5)) and counted.scan.container == "box"
     assert (
-        counted.before.count
+        counted.count_without_it.count
         == count_stack(stack_volume_of_box(), nut, ConstantEstimator(), 0.9).count
     )
     assert counted.drift == 0 and not counted.drifted

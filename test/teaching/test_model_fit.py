@@ -38,9 +38,9 @@ def test_scores_are_of_piles_left_out_and_hold_the_truth_as_often_as_they_say():
             scan = Reading(
                 pile.reading.height, pile.reading.width, pile.reading.log_gamma_estimated
             )
-            belief = model.believe(scan)
-            off = (pile.reading.log_gamma_counted - belief.mean) / np.hypot(
-                belief.std, pile.volume_std
+            posterior = model.posterior(scan)
+            off = (pile.reading.log_gamma_counted - posterior.mean) / np.hypot(
+                posterior.std, pile.volume_std
             )
             hits.append(low <= off <= high)
     assert 0.86 < np.mean(hits) < 0.96

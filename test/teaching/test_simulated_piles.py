@@ -11,7 +11,7 @@ from stack_counter.config import Config, CounterConfig, ReconstructorConfig
 from stack_counter.container.catalogue import TaughtContainer, save_container
 from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall
 from stack_counter.errors import ScanError
-from stack_counter.teaching.add_part import make_order
+from stack_counter.teaching.add_part import make_pile_request
 from stack_counter.teaching.simulated_piles import (
     counted_reading,
     make_pile,
@@ -61,7 +61,7 @@ def test_a_pile_is_seen_from_around_and_from_above():
     config = Config(reconstructor=ReconstructorConfig(container_kind="box",
                                                       container_inner_size_m=size),
                     counter=CounterConfig(estimator="prior"))
-    order = make_order(BLOCK.vertices, BLOCK.faces, config, (0.3, 0.4))
+    order = make_pile_request(BLOCK.vertices, BLOCK.faces, config, (0.3, 0.4))
     pile, same = make_pile(order, 3), make_pile(order, 3)
     assert pile == same, "depends on order and index alone"
     length = (0.03 * 0.02 * 0.02) ** (1 / 3)

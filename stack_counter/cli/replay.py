@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `stack-counter replay`: counts the stack of a recorded bag."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stack_counter.cli.common import add_config_argument, progress_bar, require_bag
+from stack_counter.config import Config, CounterConfig, build, load
+from stack_counter.container.catalogue import configured_container
+from stack_counter.counting import check_unit_volume
+from stack_counter.errors import ConfigError
+from stack_counter.files import config_path
+from stack_counter.occupancy.baselines import make_estimator
+from stack_counter.parts.catalogue import Part, resolve_part
+
+if TYPE_CHECKING:
+    from stack_counter.bag.replay import Replayed
+
+
+def add_replay(commands: argparse._SubParsersAction) -> None:
+    """Adds `replay` to the commands of the command line."""
+    replay = commands.add_parser("replay", help="count the stack of a recorded bag")
+    replay.add_argument("bag", type=Path, help="rosbag2 folder or .mcap file")
+    part = replay.add_mutually_exclusive_group()
+    part.add_argument("--part", default="", metavar="NAME", help="part of the catalogue")
+    part.add_argument("--unit-volume-cm3", type=float, metavar="X", help="volume of one part")
+    replay.add_argument("--catalogue", type=Path, metavar="FILE",
+                        help="known parts; default: the configured ones, config/parts.yaml")
+    add_config_argument(replay)
+    replay.add_argument("--json", type=Path, metavar="OUT", help="write the result here")
+    replay.add_argument("--report", type=Path, metavar="DIR", help="write pictures here")
+    how = replay.add_mutually_exclusive_group()
+    how.add_argument("--nodes", dest="nodes", action="store_true", default=True,
+                     help="through the three ROS 2 nodes (default)")
+    how.add_argument("--direct", dest="nodes", action="store_false",
+                     help="in one process without ROS")
+    replay.add_argument("--live", action="store_true", help="a count after every view")
+    replay.add_argument("--rate", type=float, default=0.0, metavar="X",
+                        help="speed of the recording's clock; default: as fast as possible")
+    replay.add_argument("--confidence", type=float, metavar="P", help="of the interval, e.g. 0.9")
+    replay.add_argument("--estimator", metavar="NAME", help="what estimates gamma")
+    replay.add_argument("--weights", type=Path, metavar="PATH", help="its weights (safetensors)")
+    replay.add_argument("--prompts", type=Path, metavar="FILE",
+                        help="points or boxes for the prompted segmenter")
+    replay.set_defaults(run=_replay)
+
+
+def _replay(options: argparse.Namespace) -> int:
+    begin = time.perf_counter()
+    # Refuse at once what cannot be counted.
+    config = _settings(options)
+    part = _part(options, config)
+    require_bag(options.bag)
+    if options.nodes:
+        make_estimator(config.counter)  # raises what the counter could not load
+    configured_container(config.reconstructor)  # raises what the reconstructor could not load
+    if config.reconstructor.prompts:
+        from stack_counter.bag.replay import check_prompts
+
+        check_prompts(options.bag, config)
+    # Count, then print and write.
+    result = _count(options, config, part, begin)
+    _print_result(options, config, result)
+    _write_result(options, result)
+    return 0
+
+
+def _settings(options: argparse.Namespace) -> Config:
+    """The settings file (or the shipped one) with the command line's own on top."""
+    if options.rate < 0:
+        raise ConfigError(f"--rate is {options.rate}; expected above 0")
+    config = load(options.config or config_path("stack_counter.yaml"))
+    # Settings of the counter.
+    chosen = {"confidence": options.confidence, "estimator": options.estimator,
+              "weights": str(options.weights) if options.weights else None,
+              "part_catalogue": str(options.catalogue.absolute()) if options.catalogue else None}
+    counter = build(CounterConfig, {
+        **config.counter.__dict__,
+        **{key: value for key, value in chosen.items() if value is not None}})
+    # Settings of the reconstructor: prompts choose a segmenter that takes them.
+    reconstructor = replace(config.reconstructor, live=options.live or config.reconstructor.live)
+    if options.prompts is not None:
+        segmenter = "sam2" if reconstructor.segmenter == "sam2" else "prompted"
+        reconstructor = replace(reconstructor, prompts=str(options.prompts.absolute()),
+                                segmenter=segmenter)
+    # The collector looks parts up in the same catalogue.
+    collector = config.collector
+    if options.catalogue is not None:
+        collector = replace(collector, part_catalogue=counter.part_catalogue)
+    return Config(collector, reconstructor, counter)
+
+
+def _part(options: argparse.Namespace, config: Config) -> Part:
+    """The part that the command line, else the settings name."""
+    if options.unit_volume_cm3 is not None:
+        unit_volume = check_unit_volume(options.unit_volume_cm3 * 1e-6)
+        return resolve_part("", unit_volume, config.counter.part_catalogue)
+    unit_volume = 0.0 if options.part else config.counter.unit_volume_m3
+    return resolve_part(options.part or config.counter.part, unit_volume,
+                        config.counter.part_catalogue)
+
+
+def _count(options: argparse.Namespace, config: Config, part: Part, begin: float) -> Replayed:
+    """Replays the bag through the nodes, or in this process."""
+    with progress_bar("replay", "views") as on_view:
+        if options.nodes:
+            from stack_counter.ros.node_replay import replay_nodes
+
+            return replay_nodes(options.bag, config, part.name, part.unit_volume, options.rate,
+                                on_view, begin)
+        from stack_counter.bag.replay import replay_direct
+
+        return replay_direct(options.bag, config, part, options.rate, on_view, begin)
+
+
+def _print_result(options: argparse.Namespace, config: Config, result: Replayed) -> None:
+    from stack_counter.display.report import as_text
+
+    for error in result.errors:
+        print(f"stack-counter: {error}", file=sys.stderr)
+    for entry in result.counts if config.collector.mode == "cycle" else ():
+        low, high = entry["count_interval"]
+        print(f"cycle at {entry['stamp_ns'] / 1e9:.3f} s: {entry['count']} parts, between {low} "
+              f"and {high}" + (f", without {', '.join(entry['missing_cameras'])}"
+                               if "missing_cameras" in entry else ""))
+    print(as_text(result.count, _true_count(options.bag)))
+
+
+def _write_result(options: argparse.Namespace, result: Replayed) -> None:
+    from stack_counter.display.report import as_dict, write_report
+
+    if options.json:
+        text = json.dumps(as_dict(result.count, result.counts), indent=2)
+        options.json.write_text(text + "\n")
+    if options.report:
+        write_report(options.report, result.count, result.counts)
+
+
+def _true_count(bag: Path) -> int | None:
+    """The count that a simulated recording states beside its data."""
+    truth = bag / "truth.json"
+    return int(json.loads(truth.read_text())["count"]) if truth.is_file() else None
