@@ -34,7 +34,7 @@ _LEVELS = {StackCount.STATUS_OK: OK, StackCount.STATUS_DEGRADED: WARN,
 
 
 class CounterNode(ManagedNode[CounterConfig]):
-    """Drives `count_stack`."""
+    """Adapter of `count_stack`: a volume comes in, a count goes out."""
 
     def __init__(self) -> None:
         """Declares the parameters."""

@@ -48,7 +48,7 @@ TIMES = ReconstructorTimes()
 
 
 class Reconstructor(ManagedNode[ReconstructorConfig]):
-    """Drives `StackCounter.add_view` and `.volume`."""
+    """Adapter of `StackCounter.add_view` and `.volume`: views come in, a volume goes out."""
 
     def __init__(self) -> None:
         """Declares the parameters."""

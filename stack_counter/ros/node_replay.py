@@ -22,9 +22,8 @@ from stack_counter.bag.replay import Replayed, count_entry, no_count_error
 from stack_counter.config import CollectorConfig, Config
 from stack_counter.counting import with_reasons
 from stack_counter.ros.conversions import from_stack_count, from_stack_volume, from_tally
-from stack_counter.ros.player import SETTINGS as PLAYER_SETTINGS
 from stack_counter.ros.player import Player
-from stack_counter.ros.processes import NodeError, NodeProcesses, private_environment
+from stack_counter.ros.processes import NodeProcesses, private_environment
 from stack_counter.types import Reason
 from stack_counter.views.rig import Rig, load_rig
 from stack_counter.views.rig_assembler import RigAssembler
@@ -73,9 +72,7 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     with _spinning_player(rig, reader, config.collector.mode == "cycle", nodes,
                           int(environment["ROS_DOMAIN_ID"])) as player, nodes:
         # Start the nodes.
-        if not player.wait_until(player.is_connected, PLAYER_SETTINGS.start_timeout_s):
-            raise NodeError(f"nodes not connected within {PLAYER_SETTINGS.start_timeout_s} s; "
-                            f"the nodes said: {nodes.last_lines()}")
+        player.wait_for_nodes()
         loaded = time.perf_counter()
         # Play the scan.
         scan_id = player.start_scan(part, unit_volume)

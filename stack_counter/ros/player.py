@@ -136,8 +136,17 @@ class Player(Node):
         """Waits, unless a node ends."""
         self.wait_until(lambda: False, seconds)
 
-    def is_connected(self) -> bool:
-        """Returns whether all three nodes are up and receive what is played."""
+    def wait_for_nodes(self) -> None:
+        """Waits until all three nodes are up and receive what is played.
+
+        Raises:
+            NodeError: they are not in time, or a node has ended.
+        """
+        if not self.wait_until(self._is_connected, SETTINGS.start_timeout_s):
+            raise NodeError(f"nodes not connected within {SETTINGS.start_timeout_s} s; the nodes "
+                            f"said: {self._nodes.last_lines()}")
+
+    def _is_connected(self) -> bool:
         return (self._start.service_is_ready() and self._stop.service_is_ready()
                 and self._reset.service_is_ready()
                 and all(p.get_subscription_count() for p in self._record_publishers.values())
