@@ -18,7 +18,7 @@ LAYERS = {
     "views": (), "fusion": (), "display": (), "occupancy": (),
     "container": ("fusion",),
     "segmentation": ("fusion", "container"),
-    "multiview": ("segmentation",),
+    "multiview": ("fusion", "segmentation"),
     "reconstruction": ("fusion", "container", "segmentation", "multiview", "display"),
     "parts": ("fusion", "occupancy", "reconstruction"),
     "pipeline": ("container", "segmentation", "occupancy", "reconstruction", "parts"),

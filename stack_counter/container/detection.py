@@ -19,6 +19,7 @@ from stack_counter.container.wall_fit import FittedWall, Thickness, face_points,
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region, seen_from_one_side
 from stack_counter.fusion.surface import FusedSurface
+from stack_counter.fusion.volume_model import volume_model
 from stack_counter.types import CONTAINER, Container, HeightMap, View
 
 
@@ -72,9 +73,6 @@ class DetectionSettings:
 
 
 SETTINGS = DetectionSettings()
-# One camera above loses depth on both edges of the rim: what its width lacks, m and per metre of
-# the depth's noise, and how well that is known; as measured on training scenes.
-_LOST_WIDTH, _LOST_BY_NOISE, _LOST_ERROR = 0.0012, 0.95, 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,8 +171,10 @@ def _expected_thickness(rim: Rim, views: list[View], region: Region, config: Rec
     if config.container_wall_m > 0:
         return Thickness(config.container_wall_m, SETTINGS.configured_std)
     if np.isfinite(rim.width) and seen_from_one_side(views, region):
-        lost = _LOST_WIDTH + _LOST_BY_NOISE * region.noise
-        return Thickness(rim.width + lost, _LOST_ERROR * lost)
+        # One camera above loses depth on both edges of the rim.
+        model = volume_model()
+        lost = model.lost_rim_width_m + model.lost_rim_width_per_noise * region.noise
+        return Thickness(rim.width + lost, model.lost_rim_width_std * lost)
     if np.isfinite(rim.width):
         return Thickness(rim.width, SETTINGS.rim_std)
     # Parts hide the rim's inner edge: the network, imported here as torch takes seconds.

@@ -20,6 +20,7 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
+from stack_counter.fusion.volume_model import volume_model
 from stack_counter.multiview.closed_container import carve_closed_container
 from stack_counter.multiview.pose_refinement import refine_poses
 from stack_counter.multiview.stereo import depth_from_pictures
@@ -42,7 +43,6 @@ _HULL_VOXEL = 0.006  # of the hull that bounds the depth, m
 _MIN_MEASURED = 0.2  # share of the stack's pixels that stereo must measure
 _MIN_CONTAINER = 0.02  # share of the stack's pixels that show the container, where there is one
 _MOSTLY = 0.5  # share of a closed container's surface that stereo should measure
-_STEREO_ERROR = 0.05  # relative standard deviation that stereo adds to V, on training piles
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class StereoScan:
         return replace(
             volume, top=moved(volume.top), inner=moved(volume.inner),
             stack_volume_std=float(np.hypot(volume.stack_volume_std,
-                                            _STEREO_ERROR * volume.stack_volume)),
+                                            volume_model().stereo_std * volume.stack_volume)),
             container=replace(box, T_world_container=T @ box.T_world_container),
             mesh=mesh and replace(mesh, vertices=geometry.apply(T, mesh.vertices).astype(
                 np.float32)),
