@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -12,7 +13,25 @@ from scipy.spatial.transform import Rotation, Slerp
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.types import UNSEEN, Intrinsics, View
 
-_MODELS = {"": 0, "none": 0, "plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+# Distortion models of `sensor_msgs/CameraInfo` and how many coefficients each has.
+_COEFFICIENTS = {"": 0, "none": 0, "plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+
+
+@dataclass(frozen=True)
+class GeometrySettings:
+    """Which inputs are refused; all values are chosen.
+
+    Attributes:
+        quaternion_norm_error: largest distance of a quaternion's norm from 1.
+        ray_condition: largest condition number of the equations for the point nearest to several
+            rays; it is about 1e6 for rays within a thousandth of a radian.
+    """
+
+    quaternion_norm_error: float = 0.01
+    ray_condition: float = 1e6
+
+
+SETTINGS = GeometrySettings()
 
 
 def pose(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
@@ -40,8 +59,9 @@ def pose_from_quaternion(quaternion: np.ndarray, translation: np.ndarray) -> np.
         ViewError: reason `bad_pose`, for values that are not finite or a norm off 1 by over 1%.
     """
     q, t = np.asarray(quaternion, float), np.asarray(translation, float)
-    norm = float(np.linalg.norm(q))
-    if not (np.isfinite(q).all() and np.isfinite(t).all() and abs(norm - 1) < 0.01):
+    norm_error = abs(float(np.linalg.norm(q)) - 1)
+    if not (np.isfinite(q).all() and np.isfinite(t).all()
+            and norm_error < SETTINGS.quaternion_norm_error):
         raise ViewError("bad_pose", f"quaternion {q.tolist()} with translation {t.tolist()}; "
                                     "expected finite numbers and a norm of 1")
     return pose(Rotation.from_quat(q).as_matrix(), t)
@@ -163,22 +183,29 @@ def nearest_point_to_rays(origins: np.ndarray, directions: np.ndarray) -> np.nda
     """
     across = [np.eye(3) - np.outer(d, d) for d in directions]
     normal = np.sum(across, axis=0)
-    if np.linalg.cond(normal) > 1e6:
+    if np.linalg.cond(normal) > SETTINGS.ray_condition:
         raise ScanError("the views look along one direction; expected views from several sides")
     return np.linalg.solve(normal, np.sum([a @ o for a, o in zip(across, origins)], axis=0))
 
 
-def pose_change(T_a: np.ndarray, T_b: np.ndarray) -> tuple[float, float]:
-    """Distance in metres and angle in radians between two poses."""
+class PoseChange(NamedTuple):
+    """Difference of two poses: distance in metres, angle in radians."""
+
+    distance: float
+    angle: float
+
+
+def pose_change(T_a: np.ndarray, T_b: np.ndarray) -> PoseChange:
+    """The distance and the angle between two poses, (4, 4) each."""
     cosine = (np.trace(T_a[:3, :3].T @ T_b[:3, :3]) - 1) / 2
-    return (float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3])),
-            float(np.arccos(np.clip(cosine, -1, 1))))
+    return PoseChange(distance=float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3])),
+                      angle=float(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def interpolate(T_a: np.ndarray, T_b: np.ndarray, share: float) -> np.ndarray:
     """The pose at `share` (0 to 1) of the way from one to the other: slerp and a straight line."""
-    turn = Slerp([0, 1], Rotation.from_matrix([T_a[:3, :3], T_b[:3, :3]]))(share)
-    return pose(turn.as_matrix(), (1 - share) * T_a[:3, 3] + share * T_b[:3, 3])
+    rotation = Slerp([0, 1], Rotation.from_matrix([T_a[:3, :3], T_b[:3, :3]]))(share)
+    return pose(rotation.as_matrix(), (1 - share) * T_a[:3, 3] + share * T_b[:3, 3])
 
 
 def check_intrinsics(intrinsics: Intrinsics) -> None:
@@ -194,9 +221,9 @@ def check_intrinsics(intrinsics: Intrinsics) -> None:
                                           "expected finite numbers, focal lengths above 0")
     if k.width <= 0 or k.height <= 0:
         raise ViewError("bad_intrinsics", f"image size {k.width}x{k.height}; expected above 0")
-    if k.distortion_model not in _MODELS:
+    if k.distortion_model not in _COEFFICIENTS:
         raise ViewError("bad_intrinsics", f"distortion model '{k.distortion_model}'; expected "
-                                          f"one of {sorted(m for m in _MODELS if m)}")
+                                          f"one of {sorted(m for m in _COEFFICIENTS if m)}")
 
 
 def rectify(view: View) -> View:
@@ -209,10 +236,12 @@ def rectify(view: View) -> View:
     """
     k = view.intrinsics
     check_intrinsics(k)
+    # Nothing to resample where all coefficients are zero.
     pinhole = replace(k, distortion_model="", distortion=())
     if not np.any(k.distortion):
         return replace(view, intrinsics=pinhole)
-    coefficients = np.array(k.distortion[:_MODELS[k.distortion_model] or None], float)
+    # Where each pixel of the pinhole image lies in the distorted one.
+    coefficients = np.array(k.distortion[:_COEFFICIENTS[k.distortion_model] or None], float)
     size = (k.width, k.height)
     if k.distortion_model == "equidistant":
         maps = cv2.fisheye.initUndistortRectifyMap(k.K, coefficients, np.eye(3), k.K, size,
@@ -220,52 +249,62 @@ def rectify(view: View) -> View:
     else:
         maps = cv2.initUndistortRectifyMap(k.K, coefficients, np.eye(3), k.K, size, cv2.CV_32FC1)
 
-    def warp(image: np.ndarray | None, how: int, outside: int = 0) -> np.ndarray | None:
+    def remap(image: np.ndarray | None, interpolation: int, outside: int = 0
+              ) -> np.ndarray | None:
         if image is None:
             return None
-        return cv2.remap(image, maps[0], maps[1], how, borderMode=cv2.BORDER_CONSTANT,
+        return cv2.remap(image, maps[0], maps[1], interpolation, borderMode=cv2.BORDER_CONSTANT,
                          borderValue=outside)
 
-    return replace(view, intrinsics=pinhole, color=warp(view.color, cv2.INTER_LINEAR),
-                   depth=warp(view.depth, cv2.INTER_NEAREST),
-                   labels=warp(view.labels, cv2.INTER_NEAREST, UNSEEN))
+    return replace(view, intrinsics=pinhole, color=remap(view.color, cv2.INTER_LINEAR),
+                   depth=remap(view.depth, cv2.INTER_NEAREST),
+                   labels=remap(view.labels, cv2.INTER_NEAREST, UNSEEN))
 
 
-def crop(view: View, low: np.ndarray, high: np.ndarray) -> View:
-    """The part of a pinhole view between two pixels.
+def crop(view: View, first: np.ndarray, last: np.ndarray) -> View:
+    """Crops a pinhole view to what lies between two pixels.
 
     Args:
-        low, high: (2,) first and last pixel (x, y); cut to the image.
+        view: without distortion.
+        first, last: (2,) pixels (x, y) at opposite corners; those outside are moved to the
+            image's edge.
 
     Raises:
         ViewError: reason `out_of_sight`, if nothing is left.
     """
     k = view.intrinsics
-    x0, y0 = np.maximum(np.floor(low), 0).astype(int)
-    x1, y1 = np.minimum(np.ceil(high), [k.width - 1, k.height - 1]).astype(int) + 1
+    x0, y0 = np.maximum(np.floor(first), 0).astype(int)
+    x1, y1 = np.minimum(np.ceil(last), [k.width - 1, k.height - 1]).astype(int) + 1
     if x1 <= x0 or y1 <= y0:
-        raise ViewError("out_of_sight", f"pixels {low} to {high} of a {k.width}x{k.height} image;"
-                                        " expected some inside")
+        raise ViewError("out_of_sight", f"pixels {first} to {last} of a {k.width}x{k.height} "
+                                        "image; expected some inside")
 
-    def cut(image: np.ndarray | None) -> np.ndarray | None:
+    def cropped(image: np.ndarray | None) -> np.ndarray | None:
         return None if image is None else np.ascontiguousarray(image[y0:y1, x0:x1])
 
-    smaller = replace(k, width=int(x1 - x0), height=int(y1 - y0), cx=k.cx - float(x0),
-                      cy=k.cy - float(y0))
-    return replace(view, intrinsics=smaller, color=cut(view.color), depth=cut(view.depth),
-                   labels=cut(view.labels))
+    # The principal point moves with the first pixel.
+    intrinsics = replace(k, width=int(x1 - x0), height=int(y1 - y0), cx=k.cx - float(x0),
+                         cy=k.cy - float(y0))
+    return replace(view, intrinsics=intrinsics, color=cropped(view.color),
+                   depth=cropped(view.depth), labels=cropped(view.labels))
 
 
-def shrink(view: View, n: int) -> View:
-    """The view with its images and calibration `n` times smaller; colour is averaged, depth and
-    labels are those of a middle pixel."""
+def shrink(view: View, factor: int) -> View:
+    """Scales the images and the calibration of a view down.
+
+    Args:
+        view: without distortion.
+        factor: how many times smaller; colour is averaged over factor x factor pixels, depth and
+            labels are those of a middle one.
+    """
+    n = factor
     if n == 1:
         return view
     k = view.intrinsics
     w, h = k.width // n, k.height // n
     # Pixel centres lie on whole numbers: the middle of the first n is at (n - 1) / 2.
-    smaller = replace(k, width=w, height=h, fx=k.fx / n, fy=k.fy / n,
-                      cx=(k.cx - (n - 1) / 2) / n, cy=(k.cy - (n - 1) / 2) / n)
+    intrinsics = replace(k, width=w, height=h, fx=k.fx / n, fy=k.fy / n,
+                         cx=(k.cx - (n - 1) / 2) / n, cy=(k.cy - (n - 1) / 2) / n)
 
     def middle(image: np.ndarray | None) -> np.ndarray | None:
         return None if image is None else np.ascontiguousarray(
@@ -273,5 +312,5 @@ def shrink(view: View, n: int) -> View:
 
     color = view.color if view.color is None else cv2.resize(
         view.color[:h * n, :w * n], (w, h), interpolation=cv2.INTER_AREA)
-    return replace(view, intrinsics=smaller, color=color, depth=middle(view.depth),
+    return replace(view, intrinsics=intrinsics, color=color, depth=middle(view.depth),
                    labels=middle(view.labels))

@@ -9,8 +9,8 @@ from pathlib import Path
 from stack_counter.cli.common import add_config_argument, progress_bar, require_bag
 from stack_counter.config import load
 from stack_counter.container.catalogue import (
-    as_line,
     catalogue_path,
+    describe_container,
     load_containers,
     save_container,
 )
@@ -52,14 +52,14 @@ def _teach(options: argparse.Namespace) -> int:
     with progress_bar("teach", "views") as on_view:
         taught = teach_container(bag, config, on_view)
     save_container(options.name, taught, path)
-    print(f"{as_line(options.name, taught)}\nstored in {path}")
+    print(f"{describe_container(options.name, taught)}\nstored in {path}")
     return 0
 
 
 def _list_containers(options: argparse.Namespace) -> int:
     containers = load_containers(options.catalogue)
     for name, taught in sorted(containers.items()):
-        print(as_line(name, taught))
+        print(describe_container(name, taught))
     if not containers:
         print("no container taught yet: stack-counter container teach NAME BAG")
     return 0

@@ -36,7 +36,7 @@ class _Key:
     meaning: str
 
 
-_FORM_KEYS = {
+_SHAPE_KEYS = {
     "box": (_Key("outer_size_m", 2, "x (the longer) and y of the outer face at the rim, m"),
             _Key("draft", 1, "by how much the walls come in for each metre down, m/m")),
     "round": (_Key("outer_radius_m", 1, "R of the outer face at the rim, m"),
@@ -127,15 +127,15 @@ def save_container(name: str, container: TaughtContainer, path: Path) -> None:
     if path.exists():
         text = path.read_text(encoding="utf-8")
         _parse_containers(text, path)  # raises what is wrong with it before it is changed
-    keys = (*_FORM_KEYS[container.wall_shape.kind], *_SIZE_KEYS)
+    keys = (*_SHAPE_KEYS[container.wall_shape.kind], *_SIZE_KEYS)
     meanings = {"kind": "box, round or free", "taught": "when, from which recording",
                 **{key.name: key.meaning for key in keys}}
-    text = edit_yaml_entry(text, "containers", name, _entry_of(container), meanings)
+    text = edit_yaml_entry(text, "containers", name, _entry_from_container(container), meanings)
     _parse_containers(text, path)  # raises what could not be read again
     write_atomically(path, text)
 
 
-def as_line(name: str, container: TaughtContainer) -> str:
+def describe_container(name: str, container: TaughtContainer) -> str:
     """One line for people that describes a taught container."""
     x, y = np.ptp(container.wall_shape.ring(0.0, container.wall_m), axis=0) * 1000
     return (f"{name}: {container.wall_shape.kind}, {x:.0f} x {y:.0f} mm inside at the rim, "
@@ -147,27 +147,27 @@ def as_line(name: str, container: TaughtContainer) -> str:
 def _parse_containers(text: str, path: Path) -> dict[str, TaughtContainer]:
     try:
         document = parse_yaml(text)
-        return {str(name): _container_of(entry) for name, entry in
+        return {str(name): _container_from_entry(entry) for name, entry in
                 (document.get("containers") or {}).items()}
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"{path} is malformed at {error}; expected 'containers: NAME:' and what "
                           "`stack-counter container teach` writes below it") from error
 
 
-def _container_of(entry: Mapping[str, Any]) -> TaughtContainer:
+def _container_from_entry(entry: Mapping[str, Any]) -> TaughtContainer:
     """Makes a container of its entry."""
     kind = entry["kind"]
-    if kind not in _FORM_KEYS:
-        raise ValueError(f"kind: {kind} (one of {sorted(_FORM_KEYS)} needed)")
+    if kind not in _SHAPE_KEYS:
+        raise ValueError(f"kind: {kind} (one of {sorted(_SHAPE_KEYS)} needed)")
     # The wall stands in its own frame: a box without yaw and middle, others without middle.
-    params = _checked_numbers(entry, _FORM_KEYS[kind])
-    forms: dict[str, WallShape] = {"box": BoxWall(np.concatenate([np.zeros(3), params])),
-                                   "round": RoundWall(np.concatenate([np.zeros(2), params])),
-                                   "free": FreeWall(params, np.zeros(2))}
+    params = _checked_numbers(entry, _SHAPE_KEYS[kind])
+    shapes: dict[str, WallShape] = {"box": BoxWall(np.concatenate([np.zeros(3), params])),
+                                    "round": RoundWall(np.concatenate([np.zeros(2), params])),
+                                    "free": FreeWall(params, np.zeros(2))}
     wall, floor, rim = (float(x) for x in _checked_numbers(entry, _SIZE_KEYS))
     if rim <= floor:
         raise ValueError(f"rim_m: {rim} (above floor_m, {floor}, needed)")
-    return TaughtContainer(forms[kind], wall, floor, rim, str(entry.get("taught", "")))
+    return TaughtContainer(shapes[kind], wall, floor, rim, str(entry.get("taught", "")))
 
 
 def _checked_numbers(entry: Mapping[str, Any], keys: Sequence[_Key]) -> np.ndarray:
@@ -183,9 +183,9 @@ def _checked_numbers(entry: Mapping[str, Any], keys: Sequence[_Key]) -> np.ndarr
     return np.concatenate(numbers)
 
 
-def _entry_of(container: TaughtContainer) -> dict[str, Any]:
+def _entry_from_container(container: TaughtContainer) -> dict[str, Any]:
     """What the catalogue holds of a container, by key."""
-    keys = _FORM_KEYS[container.wall_shape.kind]
+    keys = _SHAPE_KEYS[container.wall_shape.kind]
     numbers = [*container.wall_shape.params[-sum(key.count for key in keys):], container.wall_m,
                container.floor_m, container.rim_m]
     entry: dict[str, Any] = {"kind": container.wall_shape.kind}

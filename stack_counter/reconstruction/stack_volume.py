@@ -12,7 +12,7 @@ import numpy as np
 from scipy import ndimage
 
 from stack_counter.container.construction import with_floor
-from stack_counter.container.inner_surface import opening_map
+from stack_counter.container.inner_surface import map_rim_opening
 from stack_counter.fusion.region import Region
 from stack_counter.fusion.surface import FusedSurface
 from stack_counter.fusion.volume_model import volume_model
@@ -86,7 +86,8 @@ def _measure_in_container(surface: FusedSurface, container: Container, region: R
     """
     model = volume_model()
     # Map the inner surface and the highest one over the opening; fill unseen cells in.
-    inner, area = opening_map(container, pitch)
+    rim_opening = map_rim_opening(container, pitch)
+    inner = rim_opening.inner
     opening = np.isfinite(inner.heights)
     top = surface.heights(inner.T_world_map, pitch, inner.heights.shape)
     seen = np.isfinite(top.heights)
@@ -99,14 +100,15 @@ def _measure_in_container(surface: FusedSurface, container: Container, region: R
         floor_known = floor is not None
         if floor is not None:
             container = with_floor(container, floor)
-            inner, area = opening_map(container, pitch)
+            rim_opening = map_rim_opening(container, pitch)
+            inner = rim_opening.inner
     # Integrate the fill between the two surfaces.
     integral = integrate_fill((heights - inner.heights)[opening], seen[opening],
-                              area / np.count_nonzero(opening),
+                              rim_opening.area / np.count_nonzero(opening),
                               model.hidden_share_one_side if one_side else model.hidden_share,
                               model.worn_height_m)
     boundary = StackBoundary(
-        is_heap=False, rim_length=_rim_length(container), opening_area=area,
+        is_heap=False, rim_length=_rim_length(container), opening_area=rim_opening.area,
         assumed_floor=0.0 if floor_known else container.floor_thickness_m)
     # Express the fill as shares of the depth.
     depth = container.inner_size_m[2]

@@ -10,7 +10,7 @@ from stack_counter.container.construction import container_of_wall, with_floor
 from stack_counter.container.inner_surface import (
     WallTable,
     inside_outline,
-    opening_map,
+    map_rim_opening,
     outline_area,
     wall_mesh,
 )
@@ -52,7 +52,8 @@ def test_a_cone_between_its_rings_has_the_volume_of_a_frustum():
 @SHAPES
 def test_the_map_holds_the_volume_between_floor_and_rim(shape):
     box, pitch = container(shape), 0.001
-    inner, area = opening_map(box, pitch)
+    opening = map_rim_opening(box, pitch)
+    inner, area = opening.inner, opening.area
     assert area == pytest.approx(outline_area(box.rings[-1, :, :2]))
     covered = np.isfinite(inner.heights)
     assert covered.sum() * pitch**2 == pytest.approx(area, rel=0.005)
