@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The nouns of the package as frozen dataclasses: SI units, optical camera frames, z-up world."""
+
+from stack_counter.types.reasons import Reason
+from stack_counter.types.results import OccupancyEstimate, StackCount, StackVolume
+from stack_counter.types.shapes import CONTAINER_KINDS, Container, HeightMap, Mesh, WallShape
+from stack_counter.types.views import (
+    BACKGROUND,
+    CONTAINER,
+    PARTS,
+    UNSEEN,
+    Intrinsics,
+    KeyView,
+    View,
+    ViewTally,
+)
+
+__all__ = [
+    "BACKGROUND",
+    "CONTAINER",
+    "CONTAINER_KINDS",
+    "Container",
+    "HeightMap",
+    "Intrinsics",
+    "KeyView",
+    "Mesh",
+    "OccupancyEstimate",
+    "PARTS",
+    "Reason",
+    "StackCount",
+    "StackVolume",
+    "UNSEEN",
+    "View",
+    "ViewTally",
+    "WallShape",
+]

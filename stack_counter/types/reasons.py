@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What can qualify a result, with a sentence for people each."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class Reason(str, Enum):
+    """What qualifies a result: its slug, and one sentence for the person who reads it.
+
+    Messages, files and JSON hold the slug. One that this release does not know (of a newer node)
+    is kept under its own name. docs/reasons.md is made of this class.
+
+    Attributes:
+        sentence: what was seen, and what to do about it.
+        degrades: the count is less than what was asked for, so its status is `degraded`.
+    """
+
+    sentence: str
+    degrades: bool
+
+    def __new__(cls, slug: str, sentence: str = "", degrades: bool = False) -> Reason:
+        reason = str.__new__(cls, slug)
+        reason._value_, reason.sentence, reason.degrades = slug, sentence, degrades
+        return reason
+
+    @classmethod
+    def _missing_(cls, value: object) -> Reason | None:
+        if not isinstance(value, str):
+            return None
+        unknown = str.__new__(cls, value)
+        unknown._name_, unknown._value_, unknown.degrades = value.upper(), value, False
+        unknown.sentence = f"This release does not know the reason {value}; update it."
+        return unknown
+
+    def __str__(self) -> str:
+        return str(self.value)
+
+    def __format__(self, spec: str) -> str:
+        return format(str(self.value), spec)
+
+    NO_DEPTH = (
+        "no_depth", "No depth was measured on most of the stack, so V is the hull of its outlines "
+        "and mostly too large; record aligned depth images.", True)
+    DEPTH_FROM_PICTURES = (
+        "depth_from_pictures", "Depth was computed from colour pictures, which measures V less "
+        "exactly than a depth camera does; record aligned depth for a narrower interval.")
+    ONE_SIDE = (
+        "one_side", "All views look from nearly the same direction, so parts of the surface are "
+        "hidden from all of them; move the camera around the stack for a narrower interval.")
+    LOW_COVERAGE = (
+        "low_coverage", "Much of the container's footprint was seen by no view, and V is a guess "
+        "there; add views that look into the container.", True)
+    NOTHING_FOUND = (
+        "nothing_found", "Neither a container nor parts were found, so the count is 0; if there "
+        "are some, check the region of interest, the camera poses and the labels.")
+    CONTAINER_UNSURE = (
+        "container_unsure", "Something like a rim was seen but no container could be fitted, so "
+        "all was counted as a heap; show the whole rim, or configure or teach the container.",
+        True)
+    CUT_BY_IMAGE = (
+        "cut_by_image", "The heap reaches the border of every image, so some of it may be "
+        "missing; move the camera back or aim it at the heap.", True)
+    VIEWS_LOST = (
+        "views_lost", "Views that the collector had sent never reached the reconstructor, so V "
+        "rests on fewer; check network and load of the machines, then scan again.", True)
+    CAMERA_MISSING = (
+        "camera_missing", "At least one camera of the rig gave this scan no view (see "
+        "missing_cameras); check its cable, its driver and its topics.", True)
+    BAG_TRUNCATED = (
+        "bag_truncated", "The recording is cut short and was counted from what is left of it; "
+        "record again, and end the recorder before the file is copied.", True)
+    SINGLE_VIEW = (
+        "single_view", "gamma was read from one depth image, without walls and floor of the "
+        "container; record aligned depth in every view.")
+    SHALLOW_STACK = (
+        "shallow_stack", "The parts lie scattered rather than piled, which training hardly "
+        "covers; the interval is wider, and a fuller container narrows it.")
+    FEW_PARTS = (
+        "few_parts", "There are fewer parts than in the training piles; the interval is wider, "
+        "and counting by hand is quick.")
+    LARGE_PART = (
+        "large_part", "The container is only a few part sizes wide, less than in training; check "
+        "the part's volume, or count such parts in a wider container.")
+    UNLIKE_TRAINING = (
+        "unlike_training", "The surface is unlike all that the network learnt from, as with a "
+        "wrong part volume, ordered packing or foreign objects; check part and container.")
+    PART_DISAGREES = (
+        "part_disagrees", "The estimator contradicts what is known of this part, as with another "
+        "part in the container, ordered packing or foreign objects; check the content.", True)
+    FILL_UNLIKE_PILES = (
+        "fill_unlike_piles", "The fill is lower or the container narrower than in all piles known "
+        "of this part; count one such container and add it (stack-counter part calibrate).")
+    PART_UNUSED = (
+        "part_unused", "What is known of the part was not used, for want of depth or a container "
+        "or because another part volume was given; record depth, or name the part alone.")
+    CALIBRATED_ELSEWHERE = (
+        "calibrated_elsewhere", "None of the part's counted scans is of this rig; count one "
+        "container on it and add it (stack-counter part calibrate).")
+    ESTIMATOR_UNHEARD = (
+        "estimator_unheard", "The part's piles were read by another estimator, so this one was "
+        "not asked; run stack-counter part add again with it.")

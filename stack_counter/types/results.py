@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a scan gives: its volume, an estimate of gamma, the count."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from stack_counter.types.reasons import Reason
+from stack_counter.types.shapes import Container, HeightMap, Mesh
+from stack_counter.types.views import KeyView, ViewTally
+
+
+@dataclass(frozen=True, eq=False)
+class StackVolume:
+    """The stack as reconstructed from one scan.
+
+    Attributes:
+        stamp_ns: stamp of the last view used.
+        stack_volume, stack_volume_std: V and its standard deviation, m3.
+        container: fitted or configured.
+        fill_level: min, mean and max of the filled share of the inner height; zeros if unknown.
+        coverage: share of the interior's footprint that some view saw, 0 to 1.
+        top: highest surface inside the rim opening; None where only a hull is known.
+        inner: inner surface of the container (floor) on the same grid.
+        key_view: None if no view showed parts.
+        views: tally of the scan so far.
+        reasons: what qualifies the result.
+        seconds: time spent by stage, s.
+        mesh: carved surface, world frame, for display.
+        missing_cameras: names of the rig's cameras that gave no view.
+        one_side: all views look from nearly the same direction, as those of one fixed camera.
+    """
+
+    stamp_ns: int
+    stack_volume: float
+    stack_volume_std: float
+    container: Container
+    fill_level: tuple[float, float, float]
+    coverage: float
+    top: HeightMap | None
+    inner: HeightMap | None
+    key_view: KeyView | None
+    views: ViewTally
+    reasons: tuple[Reason, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
+    mesh: Mesh | None = None
+    missing_cameras: tuple[str, ...] = ()
+    one_side: bool = False
+
+    @property
+    def overfilled(self) -> bool:
+        """Parts stand above the rim."""
+        return self.fill_level[2] > 1
+
+    def without(self, cameras: Iterable[str]) -> StackVolume:
+        """The volume of a scan to which these cameras gave nothing."""
+        missing = tuple(cameras)
+        reasons = self.reasons + ((Reason.CAMERA_MISSING,) if missing else ())
+        return replace(self, missing_cameras=missing, reasons=reasons)
+
+
+@dataclass(frozen=True, eq=False)
+class OccupancyEstimate:
+    """gamma with its relative error.
+
+    Attributes:
+        gamma: estimated occupancy ratio, 0 to 1.
+        gamma_std: its standard deviation.
+        scores: (n,) float64: on data whose families of parts the estimator had not seen, the log
+            of true over estimated, in its relative standard deviations; the interval comes from
+            their quantiles.
+        estimator: name, e.g. `depth_corrected (baseline)`.
+        reasons: what qualifies the estimate.
+        shares: what gamma comes from and how much each weighed, together 1: `estimator`, `piles`
+            of this part, `counted` scans of it, `training` piles of other parts.
+        counted_scans: of this part on this rig that it rests on.
+    """
+
+    gamma: float
+    gamma_std: float
+    scores: np.ndarray
+    estimator: str
+    reasons: tuple[Reason, ...] = ()
+    shares: dict[str, float] = field(default_factory=lambda: {"estimator": 1.0})
+    counted_scans: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class StackCount:
+    """The answer: how many parts, and how sure.
+
+    Attributes:
+        count: parts in the stack.
+        count_interval: (low, high) with low <= count <= high.
+        confidence: probability that the interval holds the true count.
+        gamma, gamma_std: occupancy ratio and its standard deviation.
+        unit_volume: volume of one part, m3.
+        volume: what gamma was multiplied with.
+        estimator: who said gamma.
+        gamma_shares: how much it and what is known of the part weighed; see `OccupancyEstimate`.
+        counted_scans: that gamma rests on.
+        status: `ok`, or `degraded` where one of the reasons degrades.
+        reasons: what qualifies the count.
+        seconds: time spent by stage, s.
+    """
+
+    count: int
+    count_interval: tuple[int, int]
+    confidence: float
+    gamma: float
+    gamma_std: float
+    unit_volume: float
+    volume: StackVolume
+    estimator: str
+    status: str = "ok"
+    reasons: tuple[Reason, ...] = ()
+    gamma_shares: dict[str, float] = field(default_factory=lambda: {"estimator": 1.0})
+    counted_scans: int = 0
+    seconds: dict[str, float] = field(default_factory=dict)
