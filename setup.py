@@ -27,7 +27,7 @@ REQUIRES = [
     "torch>=2.14.1",
     "tqdm>=4.70",
     "trimesh>=5.2",
-    "typing-extensions>=4.10",  # (no key: comes with torch)
+    "typing-extensions>=4.10",
     "zstandard>=0.25",  # (no key: comes with mcap)
 ]
 

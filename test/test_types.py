@@ -16,7 +16,8 @@ from stack_counter.types import Container, Reason, StackVolume, ViewTally
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "stack_counter"
 # Where slugs stand as strings: where they are defined, and a key of model files.
-ALLOWED = {"types/reasons.py": {reason.value for reason in Reason}, "parts/gamma_model.py": {"one_side"}}
+ALLOWED = {"types/reasons.py": {reason.value for reason in Reason},
+           "parts/gamma_model.py": {"one_side"}}
 
 
 def stack_volume(**fields):
