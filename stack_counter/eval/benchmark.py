@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """V and its cost beside the published rule's, on noisy recordings of simulated scenes.
 
     stack-counter evaluate benchmark --set data/unseen --scenes 10
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -26,21 +28,41 @@ from stack_counter.eval.common.published_rule import (
     RELEASED,
     WRITTEN,
     Grid,
-    against_by_loop,
-    volume,
+    removal_votes_by_loop,
+    volume_by_rule,
 )
-from stack_counter.eval.common.sets import folder_of
+from stack_counter.eval.common.sets import add_set_argument, read_filled_scenes
 from stack_counter.pipeline import StackCounter
-from stack_counter.sim import Scene, read_scenes, record
+from stack_counter.sim import Scene, record
 from stack_counter.types import View
-
-_LOOPED = 20_000  # voxels that the loop is timed on, in one view
-_COSTED = 4  # scenes on which cost is measured
 
 
 @dataclass(frozen=True)
-class Row:
-    """One scene: relative errors of V (ours NaN if a view or the scan was refused) and seconds."""
+class BenchmarkSettings:
+    """How much is measured; chosen.
+
+    Attributes:
+        looped_voxels: number of voxels that the loop is timed on, in one view.
+        cost_scenes: number of scenes on which cost is measured.
+    """
+
+    looped_voxels: int = 20_000
+    cost_scenes: int = 4
+
+
+SETTINGS = BenchmarkSettings()
+
+
+@dataclass(frozen=True)
+class BenchmarkRow:
+    """One scene.
+
+    Attributes:
+        kind, index: kind of the container, and number of the scene.
+        written, released, ours: relative errors of V by both readings of the rule and by the
+            pipeline (NaN if a view or the scan was refused).
+        rule_s, loop_s, ours_s: seconds of the rule over arrays, of its loop, and of the pipeline.
+    """
 
     kind: str
     index: int
@@ -53,9 +75,8 @@ class Row:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command line of `evaluate benchmark`."""
-    parser.add_argument("--set", required=True, metavar="SET",
-                        help="unseen, unseen-mixed or a folder of simulated scenes")
+    """Adds the options of `evaluate benchmark`."""
+    add_set_argument(parser)
     parser.add_argument("--scenes", type=int, default=10, metavar="N",
                         help="spread over the set (default 10)")
     parser.add_argument("--views", type=int, default=12, metavar="N", help="of each recording")
@@ -64,77 +85,88 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Prints and writes the figures."""
-    folder = folder_of(args.set)
+    """Prints and writes the figures; returns the exit code."""
     if args.views < 4 or args.scenes < 1:
         raise ConfigError(f"{args.scenes} scenes of {args.views} views; expected 1 or more of 4 "
                           "or more")
-    scenes = [s for s in read_scenes(folder, 10 * args.scenes) if s.truth.count]
-    scenes = [scenes[i] for i in sorted({*np.linspace(0, len(scenes) - 1, args.scenes,
-                                                      dtype=int)})]
-    rows: list[Row] = []
-    kept: list[tuple[Scene, list[View]]] = []
-    for scene in tqdm(scenes, unit=" scenes"):
+    # Scenes spread over the set
+    scenes = read_filled_scenes(args.set, 10 * args.scenes)
+    spread = sorted({*np.linspace(0, len(scenes) - 1, args.scenes, dtype=int)})
+    # V of every scene; the first recordings are kept for the cost
+    rows: list[BenchmarkRow] = []
+    recordings: list[tuple[Scene, list[View]]] = []
+    for scene in tqdm([scenes[i] for i in spread], unit=" scenes"):
         views = record(scene, args.views, args.seed, color=False, labels=True)
-        rows.append(compare(scene, views))
-        if len(kept) < _COSTED:
-            kept.append((scene, [replace(view, labels=None) for view in views]))
+        rows.append(compare_volumes(scene, views))
+        if len(recordings) < SETTINGS.cost_scenes:
+            recordings.append((scene, [replace(view, labels=None) for view in views]))
     print(f"{args.set}: {len(rows)} scenes, {args.views} views, seed {args.seed}")
-    print(table(rows), flush=True)  # cost takes minutes more
-    figures = cost.measure(kept, args.seed)
-    print(f"cost, {len(kept)} scenes:\n{cost.text(figures)}")
+    print(format_table(rows), flush=True)  # cost takes minutes more
+    figures = cost.measure_cost(recordings, args.seed)
+    print(f"cost, {len(recordings)} scenes:\n{cost.format_cost(figures)}")
     if args.json:
         args.json.write_text(json.dumps({"scenes": [asdict(r) for r in rows], "cost": figures},
                                         indent=1) + "\n")
     return 0
 
 
-def compare(scene: Scene, views: list[View]) -> Row:
-    """The rule and our pipeline on the same views; `views` with true labels."""
-    true, box = scene.truth.stack_volume, scene.container.mesh()
-    corners = [mesh.vertices.astype(float) for mesh in (box, scene.parts_mesh()) if mesh]
-    grid, wall = Grid.around(np.concatenate(corners)), scene.container.wall_thickness_m
-    start = time.perf_counter()
-    released = volume(views, grid, wall, RELEASED)
-    rule_s = time.perf_counter() - start
-    written = volume(views, grid, wall, WRITTEN)
-    start = time.perf_counter()
-    ours = _ours(views)
-    ours_s = time.perf_counter() - start
-    return Row(scene.container.kind, scene.index, written / true - 1, released / true - 1,
-               ours / true - 1, rule_s, loop_seconds(views, grid), ours_s)
+def compare_volumes(scene: Scene, views: list[View]) -> BenchmarkRow:
+    """Measures V by the rule and by the pipeline on the same views, which hold true labels."""
+    container, true = scene.container.mesh(), scene.truth.stack_volume
+    meshes = [mesh for mesh in (container, scene.parts_mesh()) if mesh]
+    grid = Grid.around(np.concatenate([mesh.vertices.astype(float) for mesh in meshes]))
+    wall_m = scene.container.wall_thickness_m
+    released, rule_s = _timed(lambda: volume_by_rule(views, grid, wall_m, RELEASED))
+    written = volume_by_rule(views, grid, wall_m, WRITTEN)
+    ours, ours_s = _timed(lambda: _volume_by_pipeline(views))
+    return BenchmarkRow(
+        scene.container.kind, scene.index, written=written / true - 1,
+        released=released / true - 1, ours=ours / true - 1, rule_s=rule_s,
+        loop_s=extrapolate_loop_seconds(views, grid), ours_s=ours_s)
 
 
-def _ours(views: list[View]) -> float:
-    stack = StackCounter(ReconstructorConfig())
+def _timed(measure: Callable[[], float]) -> tuple[float, float]:
+    """The result of a measurement, and the seconds that it took."""
+    start = time.perf_counter()
+    result = measure()
+    return result, time.perf_counter() - start
+
+
+def _volume_by_pipeline(views: list[View]) -> float:
+    """V, m3; NaN if a view or the scan is refused."""
+    counter = StackCounter(ReconstructorConfig())
     try:
         for view in views:
-            stack.add_view(replace(view, labels=None))
-        return stack.volume().stack_volume
+            counter.add_view(replace(view, labels=None))
+        return counter.volume().stack_volume
     except StackCounterError:
         return float("nan")
 
 
-def loop_seconds(views: list[View], grid: Grid) -> float:
-    """Of the loop over all voxels and views, from that over some voxels in one view."""
-    some = grid.centers()[::max(CELLS**3 // _LOOPED, 1)]
+def extrapolate_loop_seconds(views: list[View], grid: Grid) -> float:
+    """Seconds of the loop over all voxels and views, from those over some voxels in one view."""
+    some = grid.centers()[::max(CELLS**3 // SETTINGS.looped_voxels, 1)]
     start = time.perf_counter()
-    against_by_loop(views[0], some)
+    removal_votes_by_loop(views[0], some)
     return (time.perf_counter() - start) * grid.cells**3 / len(some) * len(views)
 
 
-def table(rows: list[Row]) -> str:
-    """Errors of V and seconds a scene, of the rule in both readings and of ours."""
+def format_table(rows: list[BenchmarkRow]) -> str:
+    """Errors of V and seconds a scene, of the rule in both readings and of the pipeline."""
     lines = [f"{'':28}{'refused':>8}{'MAE':>8}{'bias':>8}{'p95':>8}{'s/scene':>9}"]
-    for name, errors, seconds in (("rule as the paper writes it", "written", "rule_s"),
-                                  ("rule as released", "released", "rule_s"),
-                                  ("rule as released, loop (*)", "released", "loop_s"),
-                                  ("ours", "ours", "ours_s")):
-        every = np.array([getattr(r, errors) for r in rows])
-        e = every[np.isfinite(every)]
-        if not len(e):
+    for title, error_field, seconds_field in (
+            ("rule as the paper writes it", "written", "rule_s"),
+            ("rule as released", "released", "rule_s"),
+            ("rule as released, loop (*)", "released", "loop_s"),
+            ("ours", "ours", "ours_s")):
+        every = np.array([getattr(r, error_field) for r in rows])
+        errors = every[np.isfinite(every)]
+        if not len(errors):
             continue
-        lines.append(f"{name:28}{len(every) - len(e):8}{np.abs(e).mean():8.3f}{e.mean():+8.3f}"
-                     f"{np.percentile(np.abs(e), 95):8.3f}"
-                     f"{np.median([getattr(r, seconds) for r in rows]):9.2f}")
-    return "\n".join([*lines, f"(*) extrapolated from {_LOOPED} voxels of one view"])
+        seconds = np.median([getattr(r, seconds_field) for r in rows])
+        lines.append(f"{title:28}{len(every) - len(errors):8}{np.abs(errors).mean():8.3f}"
+                     f"{errors.mean():+8.3f}{np.percentile(np.abs(errors), 95):8.3f}"
+                     f"{seconds:9.2f}")
+    return "\n".join(
+        [*lines, f"(*) extrapolated from {SETTINGS.looped_voxels} voxels of one view"]
+    )

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well the whole pipeline counts, and what its interval is worth.
 
     stack-counter evaluate count --set unseen
@@ -10,47 +11,56 @@ import argparse
 import numpy as np
 
 from stack_counter.eval.common import metrics
-from stack_counter.eval.common.cases import ROWS, Case, add_arguments, groups, report
+from stack_counter.eval.common.case import Case
+from stack_counter.eval.common.cases import ROWS, add_arguments, group_cases, report_cases
 
-__all__ = ["add_arguments", "run", "table"]
+__all__ = ["add_arguments", "format_table", "run"]
+
+_WORST_FAMILIES = 12
 
 
 def run(options: argparse.Namespace) -> int:
-    """Prints and writes the figures."""
-    return report(options, f"count, {options.views} views, interval of {options.confidence}",
-                  table)
+    """Prints and writes the figures; returns the exit code."""
+    return report_cases(
+        options, f"count, {options.views} views, interval of {options.confidence}", format_table)
 
 
-def table(cases: list[Case]) -> str:
+def format_table(cases: list[Case]) -> str:
     """Errors of each row, ours by group, and the worst families."""
     done = [c for c in cases if c.guesses]
     lines = [f"{len(cases) - len(done)} refused",
              f"{'':20}{'n':>5}{'NAE':>7}{'SRE':>7}{'MAE':>8}{'sMAPE':>7}{'bias':>8}"
              f"{'coverage':>22}{'half width':>11}{'seconds':>8}"]
+    # What V's error alone does to the count
     true = np.array([c.count for c in done], float)
     by_volume = true * (1 + np.array([c.volume_error for c in done]))
-    lines.append(f"{'true gamma':20}{len(done):5}{metrics.nae(true, by_volume):7.3f}"
-                 f"{metrics.sre(true, by_volume):7.3f}{metrics.mae(true, by_volume):8.1f}"
-                 f"{metrics.smape(true, by_volume):7.1f}{np.mean(by_volume / true - 1):+8.3f}")
-    lines += [_line(row, done, row) for row in ROWS]
-    lines += [_line(f"ours, {name}", group, "ours") for name, group in groups(done).items()]
+    lines.append(_format_errors("true gamma", true, by_volume))
+    # Every estimator, and ours by group
+    lines += [_format_line(row, done, row) for row in ROWS]
+    lines += [_format_line(f"ours, {name}", group, "ours")
+              for name, group in group_cases(done).items()]
+    # Mean relative error of the families
     families = {f: [c for c in done if c.family == f] for f in sorted({c.family for c in done})}
     error = {f: float(np.mean([c.guesses["ours"].count / c.count - 1 for c in group]))
              for f, group in families.items()}
-    worst = sorted(error, key=lambda f: -abs(error[f]))[:12]
+    worst = sorted(error, key=lambda f: -abs(error[f]))[:_WORST_FAMILIES]
     lines.append("worst families: " + ", ".join(f"{f} {error[f]:+.0%}" for f in worst))
     return "\n".join(lines)
 
 
-def _line(title: str, cases: list[Case], row: str) -> str:
+def _format_line(title: str, cases: list[Case], row: str) -> str:
+    """Errors of one estimator, and coverage and half width of its interval."""
     true = np.array([c.count for c in cases], float)
-    of = [c.guesses[row] for c in cases]
-    guess = np.array([g.count for g in of], float)
-    hits = sum(g.low <= c.count <= g.high for g, c in zip(of, cases))
-    low, high = metrics.wilson(hits, len(cases))
-    half = np.median([(g.high - g.low) / 2 / max(g.count, 1) for g in of])
-    return (f"{title:20}{len(cases):5}{metrics.nae(true, guess):7.3f}"
+    guesses = [c.guesses[row] for c in cases]
+    hits = sum(g.low <= c.count <= g.high for g, c in zip(guesses, cases))
+    low, high = metrics.wilson_interval(hits, len(cases))
+    half_width = np.median([(g.high - g.low) / 2 / max(g.count, 1) for g in guesses])
+    return (_format_errors(title, true, np.array([g.count for g in guesses], float))
+            + f"{hits / len(cases):8.2f} ({low:.2f} to {high:.2f}){half_width:11.2f}"
+            f"{np.median([g.seconds for g in guesses]):8.3f}")
+
+
+def _format_errors(title: str, true: np.ndarray, guess: np.ndarray) -> str:
+    return (f"{title:20}{len(true):5}{metrics.nae(true, guess):7.3f}"
             f"{metrics.sre(true, guess):7.3f}{metrics.mae(true, guess):8.1f}"
-            f"{metrics.smape(true, guess):7.1f}{np.mean(guess / true - 1):+8.3f}"
-            f"{hits / len(cases):8.2f} ({low:.2f} to {high:.2f}){half:11.2f}"
-            f"{np.median([g.seconds for g in of]):8.3f}")
+            f"{metrics.smape(true, guess):7.1f}{np.mean(guess / true - 1):+8.3f}")

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures without depth: errors of stereo's depth and of V on simulated colour recordings.
 
 Labels are rendered at the true poses, as a perfect segmenter gives them; everything else gets the
@@ -19,21 +20,27 @@ from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
-from stack_counter.eval.common.sets import folder_of
+from stack_counter.eval.common.sets import add_set_argument, find_set_folder
 from stack_counter.pipeline import StackCounter
 from stack_counter.reconstruction import PictureReconstruction
 from stack_counter.sim import DepthCamera, Scene, read_scenes, record
 from stack_counter.types import PARTS, Reason, View
 
 IDEAL = DepthCamera(sigma_m=0.0, sigma_per_m2=0.0, step_m=1e-6)
-_CLOSE = 0.003  # a depth nearer than this to the truth is right, m
+# A depth nearer than this to the truth, metres, is right; chosen.
+_CLOSE_M = 0.003
 _SOURCES = ("pictures", "hull", "ideal_depth")
 
 
 @dataclass(frozen=True)
 class DepthErrors:
-    """Stereo's depth on the pixels of parts: median absolute error and bias where known, metres;
-    shares of the pixels that are known, and known within 3 mm."""
+    """Errors of stereo's depth on the pixels of parts.
+
+    Attributes:
+        median_m, bias_m: median absolute error, and median error, where depth is known, metres.
+        known: share of the pixels whose depth is known.
+        right: share of the pixels whose depth is known within 3 mm.
+    """
 
     median_m: float
     bias_m: float
@@ -42,9 +49,16 @@ class DepthErrors:
 
 
 @dataclass(frozen=True)
-class Row:
-    """One scene: relative error of V by source, None where there is no V; `depth` None where
-    stereo gives none and the hull stands in its place."""
+class PictureErrors:
+    """One scene.
+
+    Attributes:
+        index, kind: number of the scene, and kind of its container.
+        found: kind of the container that was found; `hull` where stereo gave no depth.
+        reasons: why V may be wrong.
+        depth: errors of stereo's depth; None where it gave none and the hull stands in its place.
+        errors: relative error of V by source; None where there is no V.
+    """
 
     index: int
     kind: str
@@ -55,9 +69,8 @@ class Row:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `stack-counter evaluate images`."""
-    parser.add_argument("--set", required=True, metavar="SET",
-                        help="unseen, unseen-mixed or a folder of simulated scenes")
+    """Adds the options of `stack-counter evaluate images`."""
+    add_set_argument(parser)
     parser.add_argument("--scenes", type=int, default=15, metavar="N", help="the first N")
     parser.add_argument("--views", type=int, default=24, help="pictures of a recording")
     parser.add_argument("--seed", type=int, default=0, help="of the recordings")
@@ -65,14 +78,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Records, measures and prints; a scene takes about a minute."""
+    """Records, measures and prints, about a minute a scene; returns the exit code."""
     rows = []
-    scenes = itertools.islice(read_scenes(folder_of(args.set)), args.scenes)
+    scenes = itertools.islice(read_scenes(find_set_folder(args.set)), args.scenes)
     for scene in tqdm(scenes, total=args.scenes, unit=" scenes"):
-        rows.append(evaluate(scene, record(scene, args.views, args.seed, camera=IDEAL,
+        rows.append(evaluate_pictures(scene, record(scene, args.views, args.seed, camera=IDEAL,
                                            labels=True)))
-        tqdm.write(as_text(rows[-1]))
-    summary = summarise(rows)
+        tqdm.write(format_row(rows[-1]))
+    summary = summarise_errors(rows)
     for name, figures in summary.items():
         print(f"{name}: " + ", ".join(f"{key} {value:.3g}" for key, value in figures.items()))
     if args.json:
@@ -81,29 +94,31 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def evaluate(scene: Scene, views: list[View]) -> Row:
+def evaluate_pictures(scene: Scene, views: list[View]) -> PictureErrors:
     """Errors on one recording: views with colour, ideal depth and labels."""
-    config, truth = ReconstructorConfig(), scene.truth.stack_volume
+    # V of the labels' hull, and of ideal depth
     pictures = [replace(view, depth=None) for view in views]
-    hull = _volume([replace(view, color=None) for view in pictures])
-    ideal = _volume([replace(view, labels=None) for view in views])
-    by_source = {"pictures": hull, "hull": hull, "ideal_depth": ideal}
-
-    def row(found: str, reasons: tuple[Reason, ...], depth: DepthErrors | None) -> Row:
-        return Row(scene.index, scene.container.kind, found, reasons, depth,
-                   {name: None if v is None else v / truth - 1 for name, v in by_source.items()})
-
-    scan = PictureReconstruction(config)
+    hull = _measure_volume([replace(view, color=None) for view in pictures])
+    ideal = _measure_volume([replace(view, labels=None) for view in views])
+    # V of stereo's depth; where stereo measures too little, the hull stands in its place
+    scan = PictureReconstruction(ReconstructorConfig())
     for view in pictures:
         scan.add(view)
     result = scan.measure(taught=None)
-    if scan.stereo is None:  # stereo measured too little
-        return row("hull", (Reason.NO_DEPTH,), None)
-    by_source["pictures"] = result.stack_volume
-    return row(result.container.kind, result.reasons, depth_errors(scan.stereo.views, views))
+    found, reasons, depth = "hull", (Reason.NO_DEPTH,), None
+    stack_volume = hull
+    if scan.stereo is not None:
+        found, reasons, stack_volume = result.container.kind, result.reasons, result.stack_volume
+        depth = measure_depth_errors(scan.stereo.views, views)
+    by_source = {"pictures": stack_volume, "hull": hull, "ideal_depth": ideal}
+    truth = scene.truth.stack_volume
+    return PictureErrors(
+        scene.index, scene.container.kind, found, reasons, depth,
+        {name: None if v is None else v / truth - 1 for name, v in by_source.items()})
 
 
-def _volume(views: list[View]) -> float | None:
+def _measure_volume(views: list[View]) -> float | None:
+    """V by the pipeline, m3; None if the scan is refused."""
     counter = StackCounter(ReconstructorConfig())
     for view in views:
         counter.add_view(view)
@@ -113,44 +128,44 @@ def _volume(views: list[View]) -> float | None:
         return None
 
 
-def depth_errors(views: Sequence[View], ideal: Sequence[View]) -> DepthErrors:
-    """Depth on part pixels against the same views with ideal depth, where that has any.
+def measure_depth_errors(views: Sequence[View], ideal: Sequence[View]) -> DepthErrors:
+    """Errors of depth on part pixels against the same views with ideal depth, where that has any.
 
     Both have labels and depth, 0 unknown, at the same pixels.
     """
-    off = []
+    by_view = []
     for view, true in zip(views, ideal):
         assert view.depth is not None and true.depth is not None  # both have depth
         parts = (true.labels == PARTS) & (true.depth > 0)
-        off.append(np.where(view.depth > 0, view.depth - true.depth, np.nan)[parts])
-    errors = np.concatenate(off)
+        by_view.append(np.where(view.depth > 0, view.depth - true.depth, np.nan)[parts])
+    errors = np.concatenate(by_view)
     known = errors[np.isfinite(errors)]
     median, bias = (float(np.median(x)) if len(known) else float("nan")
                     for x in (np.abs(known), known))
     return DepthErrors(median, bias, len(known) / max(len(errors), 1),
-                       float(np.mean(np.abs(errors) <= _CLOSE)))
+                       float(np.mean(np.abs(errors) <= _CLOSE_M)))
 
 
-def summarise(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
-    """Mean absolute relative error of V, bias and 95th percentile by source, over all scenes and
+def summarise_errors(rows: Sequence[PictureErrors]) -> dict[str, dict[str, float]]:
+    """Sums up mean absolute relative error of V, bias and 95th percentile by source, over all scenes and
     by kind of container; and the means of the depth errors."""
-    out = {}
+    summary = {}
     for kind in ("all", *sorted({row.kind for row in rows})):
         chosen = [row for row in rows if kind in ("all", row.kind)]
         for source in _SOURCES:
             errors = [e for row in chosen if (e := row.errors[source]) is not None]
             if errors:
-                out[f"{source}, {kind}"] = {
+                summary[f"{source}, {kind}"] = {
                     "mean_abs": float(np.mean(np.abs(errors))), "bias": float(np.mean(errors)),
                     "p95": float(np.percentile(np.abs(errors), 95)), "scenes": len(errors)}
     depth = [asdict(row.depth) for row in rows if row.depth is not None]
     if depth:
-        out["depth"] = {name: float(np.mean([d[name] for d in depth])) for name in depth[0]}
-    return out
+        summary["depth"] = {name: float(np.mean([d[name] for d in depth])) for name in depth[0]}
+    return summary
 
 
-def as_text(row: Row) -> str:
-    """One line."""
+def format_row(row: PictureErrors) -> str:
+    """The errors of one scene in a line."""
     errors = ", ".join(f"{name} {'none' if e is None else f'{e:+.1%}'}"
                        for name, e in row.errors.items())
     depth = row.depth and (f"; depth off by {1e3 * row.depth.median_m:.2f} mm, known on "

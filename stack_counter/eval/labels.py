@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well the segmenters find the parts: intersection over union with rendered truth.
 
 Every scene is recorded with colour, noisy depth and noisy poses and goes through `StackCounter`.
@@ -22,19 +23,19 @@ from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.eval.common.sets import folder_of
+from stack_counter.eval.common.sets import add_set_argument, find_set_folder
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, read_shard, record
 from stack_counter.types import CONTAINER, PARTS, View
 
-_LOOSE_PX = 8.0  # most that a user's box is too large, on each side
-_POINTS = 3  # that a user clicks on parts
+# A user's boxes are too large by up to so many pixels on each side, and so many points on parts are
+# clicked; chosen.
+_LOOSE_PX, _POINTS = 8.0, 3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments that `run` reads."""
-    parser.add_argument("--set", required=True, metavar="SET",
-                        help="unseen, unseen-mixed or a folder of simulated scenes")
+    """Adds the options of `evaluate labels`."""
+    add_set_argument(parser)
     parser.add_argument("--scenes", type=int, default=30, metavar="N", help="how many of them")
     parser.add_argument("--seed", type=int, default=0, metavar="S",
                         help="of the choice of scenes, the recordings and the prompts")
@@ -47,25 +48,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Prints mean, 10th percentile and worst IoU of every segmenter; returns the exit code."""
-    scenes = choose(folder_of(args.set), args.scenes, args.seed)
+    scenes = choose_scenes(find_set_folder(args.set), args.scenes, args.seed)
     score = partial(score_scene, views=args.views, seed=args.seed, depth=args.depth)
     with ProcessPoolExecutor(args.workers) as pool:
         rows = list(tqdm(pool.map(score, scenes), total=len(scenes), desc="labels"))
     for name in rows[0]["iou"]:
-        print(f"{name}: {summary([row['iou'][name] for row in rows])}")
+        print(f"{name}: {format_summary([row['iou'][name] for row in rows])}")
     if args.json:
         args.json.write_text(json.dumps(rows, indent=2) + "\n")
     return 0
 
 
-def summary(ious: list[float]) -> str:
+def format_summary(ious: list[float]) -> str:
     """One line on the IoU of many scenes."""
     return (f"IoU of parts mean {np.mean(ious):.3f}, p10 {np.quantile(ious, 0.1):.3f}, worst "
             f"{np.min(ious):.3f}, {len(ious)} scenes")
 
 
-def choose(folder: Path, count: int, seed: int) -> list[Scene]:
-    """Scenes of a folder, about as many of each shard.
+def choose_scenes(folder: Path, count: int, seed: int) -> list[Scene]:
+    """Chooses scenes of a folder at random, about as many of each shard.
 
     Raises:
         FileNotFoundError: no shards.
@@ -82,37 +83,37 @@ def choose(folder: Path, count: int, seed: int) -> list[Scene]:
 
 
 def score_scene(scene: Scene, views: int, seed: int, depth: bool) -> dict[str, Any]:
-    """Family, kind of container, and IoU by segmenter."""
+    """Scores one scene: its family, kind of container, and IoU by segmenter."""
     recorded = record(scene, views, seed, labels=True)
     return {"scene": scene.index, "family": scene.shape.family, "kind": scene.container.kind,
             "iou": score_views(recorded, np.random.default_rng([seed, scene.index]), depth)}
 
 
 def score_views(views: list[View], random: np.random.Generator, depth: bool) -> dict[str, float]:
-    """IoU by segmenter of views that hold the true labels."""
+    """Scores views that hold the true labels: IoU by segmenter."""
     assert views[0].labels is not None  # for the type checker
-    prompts = json.dumps(user_prompts(views[0].labels, random))
+    prompts = json.dumps(draw_user_prompts(views[0].labels, random))
     settings = {"geometric": {"segmenter": "geometric"}} if depth else {}
     settings["prompted"] = {"segmenter": "prompted", "prompts": prompts}
-    return {name: parts_iou(labels_by(ReconstructorConfig(**setting), views, depth), views)
+    return {name: parts_iou(label_views(ReconstructorConfig(**setting), views, depth), views)
             for name, setting in settings.items()}
 
 
-def user_prompts(labels: np.ndarray, random: np.random.Generator) -> dict[str, Any]:
-    """What a user would mark in a view with these true labels, (h, w) uint8."""
+def draw_user_prompts(labels: np.ndarray, random: np.random.Generator) -> dict[str, Any]:
+    """Draws what a user would mark in a view with these true labels, (h, w) uint8."""
     parts = labels == PARTS
     inner = ndimage.binary_erosion(parts, iterations=2)
     rows, cols = np.nonzero(inner if inner.any() else parts)
     clicked = random.integers(len(rows), size=_POINTS)
     marks: dict[str, Any] = {"parts": {
-        "boxes": [_box(parts, random)],
+        "boxes": [_draw_box(parts, random)],
         "points": [[int(cols[i]), int(rows[i])] for i in clicked]}}
     if (labels == CONTAINER).any():
-        marks["container"] = {"boxes": [_box(parts | (labels == CONTAINER), random)]}
+        marks["container"] = {"boxes": [_draw_box(parts | (labels == CONTAINER), random)]}
     return marks
 
 
-def _box(mask: np.ndarray, random: np.random.Generator) -> list[float]:
+def _draw_box(mask: np.ndarray, random: np.random.Generator) -> list[float]:
     """A loose box, x0, y0, x1, y1, around an (h, w) bool area."""
     rows, cols = np.nonzero(mask)
     tight = np.array([cols.min(), rows.min(), cols.max(), rows.max()])
@@ -120,20 +121,20 @@ def _box(mask: np.ndarray, random: np.random.Generator) -> list[float]:
     return np.clip(loose, 0, [mask.shape[1], mask.shape[0]] * 2).round(1).tolist()
 
 
-def labels_by(config: ReconstructorConfig, views: list[View], depth: bool) -> list[View]:
-    """The views with the labels that a run with these settings gives; none without a volume."""
+def label_views(config: ReconstructorConfig, views: list[View], depth: bool) -> list[View]:
+    """Labels the views as a run with these settings does; none without a volume."""
     # Live scans look for no depth in pictures, which does not change the labels.
-    stack = StackCounter(replace(config, live=not depth))
+    counter = StackCounter(replace(config, live=not depth))
     for view in views:
         try:
-            stack.add_view(replace(view, labels=None, depth=view.depth if depth else None))
+            counter.add_view(replace(view, labels=None, depth=view.depth if depth else None))
         except ViewError:
             continue  # its pixels count as background
     try:
-        stack.volume()
+        counter.volume()
     except ScanError:
         return []
-    return stack.labelled_views()
+    return counter.labelled_views()
 
 
 def parts_iou(labelled: list[View], truth: list[View]) -> float:

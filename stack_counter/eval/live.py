@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well the continuous mode follows a robot that takes parts out: one fixed camera, a view
 after each pick.
 
@@ -20,19 +21,26 @@ from tqdm import tqdm
 from stack_counter.config import CounterConfig, ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common import metrics
-from stack_counter.eval.common.sets import folder_of
+from stack_counter.eval.common.sets import add_set_argument, read_filled_scenes
 from stack_counter.occupancy.baselines import make_estimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.pipeline import StackCounter
-from stack_counter.sim import Scene, read_scenes, record_fixed_camera, remove_parts
+from stack_counter.sim import Scene, record_fixed_camera, remove_parts
 
 _CONFIDENCE = 0.9
 
 
 @dataclass(frozen=True)
-class Stamp:
-    """After one view: the scene, the true count, that of one view before, what was said (None:
-    no count), and the seconds from the view to the count."""
+class LiveCount:
+    """The count after one view.
+
+    Attributes:
+        scene, kind: number of the scene, and kind of its container.
+        true, before: true count at this view, and at the one before it.
+        count: the estimated count; None if there is none.
+        low, high: its interval.
+        seconds: time from the view to the count.
+    """
 
     scene: int
     kind: str
@@ -45,9 +53,8 @@ class Stamp:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command line."""
-    parser.add_argument("--set", required=True, metavar="SET",
-                        help="unseen, unseen-mixed or a folder of simulated scenes")
+    """Adds the options of `evaluate live`."""
+    add_set_argument(parser)
     parser.add_argument("--scenes", type=int, default=10, metavar="N", help="the first N")
     parser.add_argument("--picks", type=int, default=20, metavar="K")
     parser.add_argument("--share", type=float, default=0.0, metavar="S",
@@ -57,72 +64,80 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Prints the figures."""
-    scenes = [s for s in read_scenes(folder_of(options.set), options.scenes) if s.truth.count]
+    """Prints the figures; returns the exit code."""
+    scenes = read_filled_scenes(options.set, options.scenes)
     jobs = [(scene, options.picks, options.share) for scene in scenes]
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        stamps = [stamp for scene in tqdm(pool.map(_packed, jobs), total=len(jobs),
-                                          unit=" scenes") for stamp in scene]
+        counts = [count for of_scene in tqdm(pool.map(_count_job, jobs), total=len(jobs),
+                                             unit=" scenes") for count in of_scene]
     print(f"{options.set}: {len(scenes)} scenes, a fixed camera, {options.picks} picks\n"
-          + table(stamps))
+          + format_table(counts))
     if options.json:
-        options.json.write_text(json.dumps([asdict(s) for s in stamps], indent=1) + "\n")
+        options.json.write_text(json.dumps([asdict(c) for c in counts], indent=1) + "\n")
     return 0
 
 
-def _packed(job: tuple) -> list[Stamp]:
-    return follow(*job)
+def _count_job(job: tuple) -> list[LiveCount]:
+    return count_while_picking(*job)
 
 
-def follow(scene: Scene, picks: int, share: float = 0.0) -> list[Stamp]:
-    """What is said after each view of a scene that is emptied from the top."""
-    each = max(1, round(share * len(scene.poses) / picks))
-    states = list(remove_parts(scene, min(picks * each, len(scene.poses) - 1)))[::each]
-    stack = StackCounter(ReconstructorConfig(live=True), scene.truth.unit_volume)
+def count_while_picking(scene: Scene, picks: int, share: float = 0.0) -> list[LiveCount]:
+    """Counts after each view of a scene that is emptied from the top, one part a pick or so many
+    that `share` of the parts go."""
+    parts_a_pick = max(1, round(share * len(scene.poses) / picks))
+    taken = min(picks * parts_a_pick, len(scene.poses) - 1)
+    states = list(remove_parts(scene, taken))[::parts_a_pick]
+    counter = StackCounter(ReconstructorConfig(live=True), scene.truth.unit_volume)
     estimator = make_estimator(CounterConfig())
-    stamps: list[Stamp] = []
+    counts: list[LiveCount] = []
     for state, view in zip(states, record_fixed_camera(states, color=False)):
-        begin = time.perf_counter()
+        start = time.perf_counter()
         true = len(state.poses)
-        before = stamps[-1].true if stamps else true
-        said: tuple = (None, 0, 0)
+        before = counts[-1].true if counts else true
+        estimated: tuple = (None, 0, 0)
         try:
-            stack.add_view(view)
-            count = stack.count(Part(scene.truth.unit_volume), estimator, _CONFIDENCE)
-            said = (count.count, *count.count_interval)
+            counter.add_view(view)
+            count = counter.count(Part(scene.truth.unit_volume), estimator, _CONFIDENCE)
+            estimated = (count.count, *count.count_interval)
         except (ViewError, ScanError) as error:
             print(f"scene {scene.index}, {true} parts: {error}")
-        stamps.append(Stamp(scene.index, scene.container.kind, true, before, *said,
-                            time.perf_counter() - begin))
-    return stamps
+        counts.append(LiveCount(scene.index, scene.container.kind, true, before, *estimated,
+                                time.perf_counter() - start))
+    return counts
 
 
-def table(stamps: list[Stamp]) -> str:
-    """Shares of stamps whose interval holds the truth, or what it was one view before; how the
+def format_table(counts: list[LiveCount]) -> str:
+    """Shares of counts whose interval holds the truth, or what it was one view before; how the
     count follows; seconds."""
-    said = [s for s in stamps if s.count is not None]
-    lines = [f"{len(stamps)} stamps, {len(stamps) - len(said)} without a count"]
-    for title, of in (("all", said), *((kind, [s for s in said if s.kind == kind])
-                                       for kind in sorted({s.kind for s in said}))):
-        now = np.mean([s.low <= s.true <= s.high for s in of])
-        late = np.mean([s.low <= s.true <= s.high or s.low <= s.before <= s.high for s in of])
-        true, count = (np.array([getattr(s, name) for s in of], float)
-                       for name in ("true", "count"))
-        half = np.median([(s.high - s.low) / 2 / max(s.count or 1, 1) for s in of])
-        lines.append(f"{title:10}{len(of):5}  in the interval {now:.0%} (or one view before "
-                     f"{late:.0%}), NAE {metrics.nae(true, count):.3f}, half width {half:.0%}, "
-                     f"taken {_taken(of):.2f} of the truth")
-    seconds = [s.seconds for s in stamps]
+    counted = [c for c in counts if c.count is not None]
+    lines = [f"{len(counts)} stamps, {len(counts) - len(counted)} without a count",
+             _format_line("all", counted)]
+    lines += [_format_line(kind, [c for c in counted if c.kind == kind])
+              for kind in sorted({c.kind for c in counted})]
+    seconds = [c.seconds for c in counts]
     lines.append(f"view to count: median {np.median(seconds):.2f} s, 95% "
                  f"{np.quantile(seconds, 0.95):.2f} s")
     return "\n".join(lines)
 
 
-def _taken(stamps: list[Stamp]) -> float:
+def _format_line(title: str, counts: list[LiveCount]) -> str:
+    hits = np.mean([c.low <= c.true <= c.high for c in counts])
+    late_hits = np.mean([c.low <= c.true <= c.high or c.low <= c.before <= c.high
+                         for c in counts])
+    true, guess = (np.array([getattr(c, name) for c in counts], float)
+                   for name in ("true", "count"))
+    half_width = np.median([(c.high - c.low) / 2 / max(c.count or 1, 1) for c in counts])
+    return (f"{title:10}{len(counts):5}  in the interval {hits:.0%} (or one view before "
+            f"{late_hits:.0%}), NAE {metrics.nae(true, guess):.3f}, half width {half_width:.0%}, "
+            f"taken {_followed_share(counts):.2f} of the truth")
+
+
+def _followed_share(counts: list[LiveCount]) -> float:
     """By how much the counts fell from each scene's first to its last, over what was taken."""
     fell = taken = 0.0
-    for scene in {s.scene for s in stamps}:
-        of = [s for s in stamps if s.scene == scene]
-        fell += ((of[0].count or 0) - (of[-1].count or 0)) * of[0].true / max(of[0].count or 1, 1)
-        taken += of[0].true - of[-1].true
+    for scene in {c.scene for c in counts}:
+        of_scene = [c for c in counts if c.scene == scene]
+        first, last = of_scene[0], of_scene[-1]
+        fell += ((first.count or 0) - (last.count or 0)) * first.true / max(first.count or 1, 1)
+        taken += first.true - last.true
     return fell / max(taken, 1.0)

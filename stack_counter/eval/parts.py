@@ -24,7 +24,7 @@ from tqdm import tqdm
 from stack_counter.config import Config, CounterConfig, ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.eval.common import metrics
-from stack_counter.eval.common.sets import folder_of
+from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
 from stack_counter.parts.calibration import calibrate
 from stack_counter.parts.catalogue import Part
@@ -46,7 +46,7 @@ _SEED = 0
 
 
 @dataclass(frozen=True)
-class Answer:
+class PartCount:
     """One count of one scan."""
 
     row: str
@@ -90,25 +90,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Prints and writes the figures."""
-    rigs = rigs_of(list(read_scenes(folder_of(options.set))))[:options.rigs]
+    rigs = group_by_rig(list(read_scenes(find_set_folder(options.set))))[:options.rigs]
     options.cache.mkdir(parents=True, exist_ok=True)
     models = {rig.number: _models(rig, options) for rig in tqdm(rigs, desc="part add")}
     scenes = [scene for rig in rigs for scene in rig.scenes]
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
         volumes = dict(zip((s.index for s in scenes), tqdm(
             pool.map(_volume, scenes), total=len(scenes), desc="scans", unit=" scans")))
-    estimator, answers = Remembered(make_estimator(CounterConfig())), []
+    estimator, answers = CachedEstimator(make_estimator(CounterConfig())), []
     for rig in tqdm(rigs, desc="counts", unit=" rigs"):
         scans = [(s, v) for s in rig.scenes if (v := volumes[s.index]) is not None]
-        answers += answers_of(rig, scans, models[rig.number], estimator, options.confidence)
-    print(table(rigs, answers, sum(v is None for v in volumes.values())))
-    print(sensitivity(list(models.values())))
+        answers += count_all_ways(rig, scans, models[rig.number], estimator, options.confidence)
+    print(format_table(rigs, answers, sum(v is None for v in volumes.values())))
+    print(format_sensitivity(list(models.values())))
     if options.json:
         options.json.write_text(json.dumps([asdict(a) for a in answers], indent=1) + "\n")
     return 0
 
 
-def rigs_of(scenes: list[Scene]) -> list[Rig]:
+def group_by_rig(scenes: list[Scene]) -> list[Rig]:
     """Scenes by rig; those of another part than the first are left out."""
     rigs: dict[int, Rig] = {}
     for s in scenes:
@@ -120,7 +120,7 @@ def rigs_of(scenes: list[Scene]) -> list[Rig]:
     return list(rigs.values())
 
 
-class Remembered:
+class CachedEstimator:
     """An estimator that says the same of the same scan, at once."""
 
     def __init__(self, estimator: OccupancyEstimator):
@@ -169,8 +169,8 @@ def _volume(scene: Scene) -> StackVolume | None:
         return None
 
 
-def answers_of(rig: Rig, scans: list[tuple[Scene, StackVolume]], models: PartModels,
-               estimator: OccupancyEstimator, confidence: float) -> list[Answer]:
+def count_all_ways(rig: Rig, scans: list[tuple[Scene, StackVolume]], models: PartModels,
+               estimator: OccupancyEstimator, confidence: float) -> list[PartCount]:
     """All rows for all scans of a rig."""
     bare = Part(rig.scenes[0].truth.unit_volume, "part")
     counted = [calibrate(bare, volume, scene.truth.count, estimator, str(scene.index),
@@ -179,12 +179,12 @@ def answers_of(rig: Rig, scans: list[tuple[Scene, StackVolume]], models: PartMod
     for i, (scene, volume) in enumerate(scans):
         def say(row: str, part: Part) -> None:
             c = count_stack(volume, part, estimator, confidence)  # noqa: B023
-            out.append(Answer(row, rig.number, scene.index, scene.truth.count,  # noqa: B023
+            out.append(PartCount(row, rig.number, scene.index, scene.truth.count,  # noqa: B023
                               c.count, *c.count_interval, c.gamma_shares["estimator"],
                               c.reasons))
 
         others = [c for k, c in enumerate(counted) if k != i]
-        cad = _Known(bare.unit_volume, "part", said=models)
+        cad = _PartWithModels(bare.unit_volume, "part", said=models)
         say("v only", bare)
         say("CAD", cad)
         for k, one in enumerate(others):
@@ -197,7 +197,7 @@ def answers_of(rig: Rig, scans: list[tuple[Scene, StackVolume]], models: PartMod
 
 
 @dataclass(frozen=True)
-class _Known(Part):
+class _PartWithModels(Part):
     """A part whose models are at hand, not in a file."""
 
     said: PartModels | None = None
@@ -208,7 +208,7 @@ class _Known(Part):
         return self.said
 
 
-def table(rigs: list[Rig], answers: list[Answer], refused: int) -> str:
+def format_table(rigs: list[Rig], answers: list[PartCount], refused: int) -> str:
     """Errors by what is known, then by container, and the worst parts."""
     lines = [f"{len(rigs)} rigs, {len({(r.family, r.seed) for r in rigs})} parts of "
              f"{len({r.family for r in rigs})} families, "
@@ -227,15 +227,15 @@ def table(rigs: list[Rig], answers: list[Answer], refused: int) -> str:
     return "\n".join(lines)
 
 
-def _of(answers: list[Answer], row: str, of: Callable[[Answer], float]) -> np.ndarray:
+def _of(answers: list[PartCount], row: str, of: Callable[[PartCount], float]) -> np.ndarray:
     return np.array([of(a) for a in answers if a.row == row], float)
 
 
-def _nae(answers: list[Answer], row: str) -> float:
+def _nae(answers: list[PartCount], row: str) -> float:
     return metrics.nae(_of(answers, row, lambda a: a.true), _of(answers, row, lambda a: a.count))
 
 
-def _line(title: str, answers: list[Answer], row: str) -> str:
+def _line(title: str, answers: list[PartCount], row: str) -> str:
     true, guess = _of(answers, row, lambda a: a.true), _of(answers, row, lambda a: a.count)
     hits = _of(answers, row, lambda a: a.low <= a.true <= a.high)
     half = _of(answers, row, lambda a: (a.high - a.low) / 2 / max(a.count, 1))
@@ -245,7 +245,7 @@ def _line(title: str, answers: list[Answer], row: str) -> str:
             f"{hits.mean():10.2f}{np.median(half):11.3f}{np.median(share):9.2f}")
 
 
-def sensitivity(models: list[PartModels]) -> str:
+def format_sensitivity(models: list[PartModels]) -> str:
     """How gamma depends on what `part add` assumes: four part lengths high, six wide."""
     friction = [m.arc.per_tenth_of_friction for m in models]
     width = [m.arc.per_tenth_of_width(4, 6) for m in models]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well v is known from pieces on a table, of parts that nothing was fitted to.
 
     stack-counter evaluate template --workers 2
@@ -20,15 +21,39 @@ from stack_counter.eval.common import metrics
 from stack_counter.parts.template import scan_template, shipped
 from stack_counter.sim import Shape, lay_out_pieces, load_shapes, record
 
-_SEED = 0
-_LARGE_M = 0.03  # part size from which v is claimed
-_Z = 1.645  # standard deviations of a 90% interval
-_CLAIMED = 0.08
+
+@dataclass(frozen=True)
+class TemplateCheckSettings:
+    """What is claimed of v; chosen, if nothing else is said.
+
+    Attributes:
+        seed: seed of the layouts and the recordings.
+        large_m: part size from which v is claimed.
+        claimed_error: relative error that is claimed.
+        z: standard deviations of a 90% interval.
+        worst: number of parts that are named.
+    """
+
+    seed: int = 0
+    large_m: float = 0.03
+    claimed_error: float = 0.08
+    z: float = 1.645
+    worst: int = 8
+
+
+SETTINGS = TemplateCheckSettings()
 
 
 @dataclass(frozen=True)
-class Result:
-    """v of one part: relative error and standard deviation; None if the scan was refused."""
+class TemplateCheck:
+    """v of one part.
+
+    Attributes:
+        family, size_m: family and size of the part.
+        alike: all its pieces look alike.
+        error: relative error of v; None if the scan was refused.
+        std: relative standard deviation of v.
+    """
 
     family: str
     size_m: float
@@ -38,7 +63,7 @@ class Result:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `evaluate template`."""
+    """Adds the options of `evaluate template`."""
     parser.add_argument("--library", type=Path, default=Path("data/unseen/shapes.npz"),
                         metavar="FILE", help="parts (default: the unseen ones)")
     parser.add_argument("--pieces", type=int, default=6, metavar="K")
@@ -47,51 +72,55 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Prints the figures."""
+    """Prints the figures; returns the exit code."""
     shapes = load_shapes(options.library)
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        results = list(tqdm(pool.map(measure, shapes, [options.pieces] * len(shapes),
-                                     [options.views] * len(shapes)),
-                            total=len(shapes), unit=" parts"))
-    print(table(results, f"{options.pieces} pieces and {options.views} views each"))
+        checks = list(tqdm(pool.map(measure_template, shapes, [options.pieces] * len(shapes),
+                                    [options.views] * len(shapes)),
+                           total=len(shapes), unit=" parts"))
+    print(format_table(checks, f"{options.pieces} pieces and {options.views} views each"))
     return 0
 
 
-def measure(shape: Shape, pieces: int, count: int) -> Result:
-    """One template scan."""
-    views = record(lay_out_pieces(shape, pieces, _SEED, shape.seed), count, _SEED, color=False)
+def measure_template(shape: Shape, pieces: int, view_count: int) -> TemplateCheck:
+    """Measures v of one part by a template scan."""
+    table = lay_out_pieces(shape, pieces, SETTINGS.seed, shape.seed)
+    views = record(table, view_count, SETTINGS.seed, color=False)
     try:
         template = scan_template(views, pieces, ReconstructorConfig())
     except StackCounterError as error:
         print(f"{shape.family} {shape.seed}: {error}")
-        return Result(shape.family, shape.part_size, False, None, 0.0)
+        return TemplateCheck(shape.family, shape.part_size, alike=False, error=None, std=0.0)
     v, std = shipped().unit_volume(template)
-    return Result(shape.family, shape.part_size, template.alike, v / shape.unit_volume - 1,
-                  std / v)
+    return TemplateCheck(shape.family, shape.part_size, template.alike,
+                         error=v / shape.unit_volume - 1, std=std / v)
 
 
-def table(results: list[Result], scans: str) -> str:
-    """Errors by size and by whether all pieces look alike."""
-    lines = [f"{len(results)} parts, {scans}, "
-             f"{sum(r.error is None for r in results)} refused",
+def format_table(checks: list[TemplateCheck], scans: str) -> str:
+    """Errors by size and by whether all pieces look alike; `scans` names what was scanned."""
+    lines = [f"{len(checks)} parts, {scans}, "
+             f"{sum(c.error is None for c in checks)} refused",
              f"{'':32}{'n':>4}{'mean':>8}{'median':>8}{'bias':>8}{'within 8%':>11}{'coverage':>20}"
              f"{'std':>7}"]
-    done = [r for r in results if r.error is not None]
-    large = [r for r in done if r.size_m >= _LARGE_M]
-    for title, of in ((f"{1000 * _LARGE_M:.0f} mm and larger", [r for r in large if not r.alike]),
-                      ("the same, all pieces alike", [r for r in large if r.alike]),
-                      ("smaller", [r for r in done if r.size_m < _LARGE_M]), ("all", done)):
-        if of:
-            lines.append(_line(title, of))
-    worst = sorted(large, key=lambda r: -abs(r.error or 0.0))[:8]
-    lines.append("worst: " + ", ".join(f"{r.family} {r.error:+.0%}" for r in worst))
+    done = [c for c in checks if c.error is not None]
+    large = [c for c in done if c.size_m >= SETTINGS.large_m]
+    for title, group in (
+            (f"{1000 * SETTINGS.large_m:.0f} mm and larger", [c for c in large if not c.alike]),
+            ("the same, all pieces alike", [c for c in large if c.alike]),
+            ("smaller", [c for c in done if c.size_m < SETTINGS.large_m]), ("all", done)):
+        if group:
+            lines.append(_format_line(title, group))
+    worst = sorted(large, key=lambda c: -abs(c.error or 0.0))[:SETTINGS.worst]
+    lines.append("worst: " + ", ".join(f"{c.family} {c.error:+.0%}" for c in worst))
     return "\n".join(lines)
 
 
-def _line(title: str, of: list[Result]) -> str:
-    error = np.array([r.error for r in of], float)
-    hits = int(sum(abs(np.log1p(e)) < _Z * r.std for e, r in zip(error, of)))
-    low, high = metrics.wilson(hits, len(of))
-    return (f"{title:32}{len(of):4}{np.abs(error).mean():8.3f}{np.median(np.abs(error)):8.3f}"
-            f"{error.mean():+8.3f}{np.mean(np.abs(error) < _CLAIMED):11.2f}"
-            f"{hits / len(of):8.2f} ({low:.2f}-{high:.2f}){np.median([r.std for r in of]):7.3f}")
+def _format_line(title: str, checks: list[TemplateCheck]) -> str:
+    error = np.array([c.error for c in checks], float)
+    hits = int(sum(abs(np.log1p(e)) < SETTINGS.z * c.std for e, c in zip(error, checks)))
+    low, high = metrics.wilson_interval(hits, len(checks))
+    within = np.mean(np.abs(error) < SETTINGS.claimed_error)
+    return (f"{title:32}{len(checks):4}{np.abs(error).mean():8.3f}"
+            f"{np.median(np.abs(error)):8.3f}{error.mean():+8.3f}{within:11.2f}"
+            f"{hits / len(checks):8.2f} ({low:.2f}-{high:.2f})"
+            f"{np.median([c.std for c in checks]):7.3f}")

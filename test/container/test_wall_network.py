@@ -25,9 +25,9 @@ from stack_counter.train.wall import outer_form, train
 @pytest.fixture(scope="module")
 def seen():
     """A bin's true outer face, the height of its rim, its wall, and three views."""
-    from stack_counter.eval.common.sets import folder_of
+    from stack_counter.eval.common.sets import find_set_folder
 
-    scene = next(s for s in read_scenes(folder_of("unseen"), 5))
+    scene = next(s for s in read_scenes(find_set_folder("unseen"), 5))
     form = outer_form(scene, np.random.default_rng(0), 0.0)
     return form, scene.container.rim_height_m, scene.container, record(scene, 3, color=False)
 

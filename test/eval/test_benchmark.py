@@ -17,9 +17,9 @@ from stack_counter.eval.common.published_rule import (
     RELEASED,
     WRITTEN,
     Grid,
-    against,
-    against_by_loop,
-    volume,
+    removal_votes,
+    removal_votes_by_loop,
+    volume_by_rule,
 )
 from stack_counter.types import CONTAINER, Intrinsics
 
@@ -44,7 +44,7 @@ def cube():
 @pytest.mark.parametrize("rule", [WRITTEN, RELEASED], ids=["written", "released"])
 def test_hull_of_a_cube(cube, rule):
     grid = Grid.around(CORNERS, 50)
-    assert volume(cube, grid, 0.0, rule) == pytest.approx(CUBE**3, rel=0.05)
+    assert volume_by_rule(cube, grid, 0.0, rule) == pytest.approx(CUBE**3, rel=0.05)
 
 
 def test_walls_as_written_leave_the_inside(cube):
@@ -53,14 +53,14 @@ def test_walls_as_written_leave_the_inside(cube):
     side = grid.sides[0]
     wall = 5 * side
     inside = (CUBE - 2 * wall)**2 * (CUBE - wall)
-    assert volume(cube, grid, wall, WRITTEN) == pytest.approx(inside, rel=0.05)
+    assert volume_by_rule(cube, grid, wall, WRITTEN) == pytest.approx(inside, rel=0.05)
 
 
 def test_walls_as_released_lose_half_their_thickness(cube):
     grid = Grid.around(CORNERS, 50)
     wall = 5 * grid.sides[0]
     half = (CUBE - wall)**2 * (CUBE - wall / 2)
-    assert volume(cube, grid, wall, RELEASED) == pytest.approx(half, rel=0.07)
+    assert volume_by_rule(cube, grid, wall, RELEASED) == pytest.approx(half, rel=0.07)
 
 
 def test_an_open_bin_is_not_filled_to_its_rim():
@@ -69,22 +69,22 @@ def test_an_open_bin_is_not_filled_to_its_rim():
     views = views_of(Scene(plane=False).bin(inner, wall, wall, fill), 24)
     corner = np.array([0.05 + wall, 0.05 + wall, 0.06 + wall])
     grid = Grid.around(np.array([corner * [-1, -1, 0], corner]), 60)
-    assert volume(views, grid, wall, WRITTEN) == pytest.approx(0.1 * 0.1 * fill, rel=0.15)
+    assert volume_by_rule(views, grid, wall, WRITTEN) == pytest.approx(0.1 * 0.1 * fill, rel=0.15)
 
 
 def test_votes_beside_the_image_are_none_and_the_loop_votes_alike(cube):
     points = np.concatenate([Grid.around(CORNERS * 1.5, 12).centers(),
                              [[5.0, 0, 0], [0, 0, 50.0]]])
-    votes = against(cube[0], points)
+    votes = removal_votes(cube[0], points)
     assert 0 < votes.sum() < len(votes)
     assert not votes[-2:].any()
-    assert np.array_equal(votes, against_by_loop(cube[0], points))
+    assert np.array_equal(votes, removal_votes_by_loop(cube[0], points))
 
 
 def test_figures_of_a_scene_are_finite(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(benchmark, "_LOOPED", 500)
-    monkeypatch.setattr(cost, "_ROUNDS", 1)
-    monkeypatch.setattr(cost.cost_of_long_scan, "__defaults__", (4, SMALL))
+    monkeypatch.setattr(benchmark, "SETTINGS", replace(benchmark.SETTINGS, looped_voxels=500))
+    monkeypatch.setattr(cost, "SETTINGS", replace(
+        cost.SETTINGS, rounds=1, long_views=4, long_camera=SMALL))
     parser = argparse.ArgumentParser()
     benchmark.add_arguments(parser)
     out = tmp_path / "out.json"
@@ -101,7 +101,7 @@ def test_figures_of_a_scene_are_finite(tmp_path, monkeypatch, capsys):
 
 def test_more_votes_leave_more(cube):
     grid = Grid.around(CORNERS, 20)
-    left = [volume(cube, grid, 0.0, replace(RELEASED, votes=n)) for n in (1, 5, 25)]
+    left = [volume_by_rule(cube, grid, 0.0, replace(RELEASED, votes=n)) for n in (1, 5, 25)]
     assert left[0] <= left[1] < left[2] == pytest.approx(np.prod(grid.sides) * 20**3)
 
 
@@ -109,7 +109,7 @@ def test_peak_memory_stays_after_the_array_is_gone():
     block = np.ones(60_000_000)  # 480 MB
     size = block.nbytes / 1e6
     del block
-    assert long_scan.peak_mb() > size
+    assert long_scan.peak_memory_mb() > size
 
 
 @pytest.mark.parametrize("arguments", [["--set", "no-such-set"],

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from stack_counter.eval import images
-from stack_counter.eval.images import DepthErrors, Row, depth_errors, summarise
+from stack_counter.eval.images import (
+    DepthErrors,
+    PictureErrors,
+    measure_depth_errors,
+    summarise_errors,
+)
 from stack_counter.types import BACKGROUND, PARTS, Intrinsics, View
 
 
@@ -21,33 +26,35 @@ TRUTH = np.full((2, 4), 0.5, np.float32)
 
 
 def test_perfect_depth_has_no_error():
-    assert depth_errors([view(TRUTH)], [view(TRUTH)]) == DepthErrors(0.0, 0.0, 1.0, 1.0)
+    assert measure_depth_errors([view(TRUTH)], [view(TRUTH)]) == DepthErrors(0.0, 0.0, 1.0, 1.0)
 
 
 def test_one_miss_and_one_error_count_once_each():
     depth = TRUTH.copy()
     depth[0, 0], depth[0, 1], depth[0, 3] = 0, 0.51, 9  # the last is no part
-    assert depth_errors([view(depth)], [view(TRUTH)]) == DepthErrors(0.0, 0.0, 5 / 6, 4 / 6)
+    assert measure_depth_errors([view(depth)], [view(TRUTH)]) == DepthErrors(
+        0.0, 0.0, 5 / 6, 4 / 6
+    )
 
 
 def test_a_shift_is_a_bias():
-    found = depth_errors([view(TRUTH + np.float32(0.002))], [view(TRUTH)])
+    found = measure_depth_errors([view(TRUTH + np.float32(0.002))], [view(TRUTH)])
     assert (found.median_m, found.bias_m) == pytest.approx((0.002, 0.002), abs=1e-6)
 
 
 def test_nothing_known_is_not_zero_error():
-    found = depth_errors([view(np.zeros_like(TRUTH))], [view(TRUTH)])
+    found = measure_depth_errors([view(np.zeros_like(TRUTH))], [view(TRUTH)])
     assert np.isnan(found.median_m) and (found.known, found.right) == (0, 0)
 
 
 def row(kind, error, hull, depth=None):
-    return Row(0, kind, kind, (), depth,
+    return PictureErrors(0, kind, kind, (), depth,
                {"pictures": error, "hull": hull, "ideal_depth": None})
 
 
 def test_errors_are_summed_up_by_source_and_kind():
     depth = DepthErrors(0.001, 0.0, 0.8, 0.6)
-    summary = summarise([row("bin", 0.1, 1.0, depth), row("bin", -0.1, 2.0, depth),
+    summary = summarise_errors([row("bin", 0.1, 1.0, depth), row("bin", -0.1, 2.0, depth),
                          row("none", 0.3, None)])
     assert summary["pictures, all"] == pytest.approx(
         {"mean_abs": 0.5 / 3, "bias": 0.1, "p95": 0.28, "scenes": 3})
@@ -61,7 +68,7 @@ def test_errors_are_summed_up_by_source_and_kind():
 def test_the_command_writes_what_it_found(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(images, "read_scenes", lambda folder: iter("abc"))
     monkeypatch.setattr(images, "record", lambda scene, *how, **more: [])
-    monkeypatch.setattr(images, "evaluate", lambda scene, views: row(scene, 0.1, 1.0))
+    monkeypatch.setattr(images, "evaluate_pictures", lambda scene, views: row(scene, 0.1, 1.0))
     parser = argparse.ArgumentParser()
     images.add_arguments(parser)
     out = tmp_path / "out.json"

@@ -10,11 +10,11 @@ from kits.painted import painted
 from stack_counter import geometry
 from stack_counter.eval.labels import (
     add_arguments,
-    choose,
+    choose_scenes,
+    draw_user_prompts,
+    format_summary,
     parts_iou,
     score_views,
-    summary,
-    user_prompts,
 )
 from stack_counter.segmentation.prompts import parse_prompts
 from stack_counter.types import CONTAINER, PARTS
@@ -37,7 +37,7 @@ def test_iou_is_exact_for_whole_cut_and_missing_views():
 @pytest.mark.parametrize("seed", range(5))
 def test_prompts_are_loose_boxes_and_points_on_parts(seed):
     labels = painted()[0].labels
-    marks = parse_prompts(user_prompts(labels, np.random.default_rng(seed)))
+    marks = parse_prompts(draw_user_prompts(labels, np.random.default_rng(seed)))
     marks.check(labels.shape[1], labels.shape[0])
     for x, y in marks.part_points.astype(int):
         assert labels[y, x] == PARTS
@@ -47,7 +47,7 @@ def test_prompts_are_loose_boxes_and_points_on_parts(seed):
         assert box[0] <= cols.min() and box[1] <= rows.min()
         assert box[2] >= cols.max() and box[3] >= rows.max()
     heap = np.where(labels == CONTAINER, 0, labels)
-    assert "container" not in user_prompts(heap, np.random.default_rng(seed))
+    assert "container" not in draw_user_prompts(heap, np.random.default_rng(seed))
 
 
 def test_both_segmenters_are_scored_as_the_product_runs_them():
@@ -59,10 +59,13 @@ def test_both_segmenters_are_scored_as_the_product_runs_them():
 
 
 def test_summary_and_arguments(tmp_path):
-    assert summary([0.5, 1.0, 0.9]) == "IoU of parts mean 0.800, p10 0.580, worst 0.500, 3 scenes"
+    assert (
+        format_summary([0.5, 1.0, 0.9])
+        == "IoU of parts mean 0.800, p10 0.580, worst 0.500, 3 scenes"
+    )
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     args = parser.parse_args(["--set", str(tmp_path), "--no-depth"])
     assert args.depth is False and args.json is None
     with pytest.raises(FileNotFoundError, match="no shard_"):
-        choose(tmp_path, 3, 0)
+        choose_scenes(tmp_path, 3, 0)

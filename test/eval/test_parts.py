@@ -9,12 +9,12 @@ from kits.known_parts import ConstantEstimator, gamma_model, stack_volume_of_box
 
 from stack_counter.eval.parts import (
     ROWS,
-    Answer,
-    Remembered,
-    answers_of,
-    rigs_of,
-    sensitivity,
-    table,
+    CachedEstimator,
+    PartCount,
+    count_all_ways,
+    format_sensitivity,
+    format_table,
+    group_by_rig,
 )
 from stack_counter.parts.gamma_model import PartModels
 from stack_counter.sim import read_scenes
@@ -24,7 +24,7 @@ DATA = Path(__file__).parents[2] / "data" / "unseen-rigs"
 
 @pytest.fixture(scope="module")
 def rigs():
-    return rigs_of(list(read_scenes(DATA, 27)))
+    return group_by_rig(list(read_scenes(DATA, 27)))
 
 
 def test_a_rig_is_one_part_in_one_container(rigs):
@@ -34,7 +34,7 @@ def test_a_rig_is_one_part_in_one_container(rigs):
                     for s in rig.scenes}) == 1
     assert len({rig.friction for rig in rigs}) == 3
     other = replace(rigs[0].scenes[4], shape=rigs[1].scenes[0].shape)
-    mixed = rigs_of([*rigs[0].scenes[:4], other, *rigs[0].scenes[5:]])
+    mixed = group_by_rig([*rigs[0].scenes[:4], other, *rigs[0].scenes[5:]])
     assert [len(rig.scenes) for rig in mixed] == [8]
 
 
@@ -42,11 +42,11 @@ def test_every_scan_is_counted_by_each_of_the_others(rigs):
     rig = replace(rigs[0], scenes=rigs[0].scenes[:4])
     scans = [(s, stack_volume_of_box(height=0.02 + 0.002 * i)) for i, s in enumerate(rig.scenes)]
     models = PartModels("network 7", gamma_model(), gamma_model(), "piles")
-    answers = answers_of(rig, scans, models, Remembered(ConstantEstimator()), 0.9)
+    answers = count_all_ways(rig, scans, models, CachedEstimator(ConstantEstimator()), 0.9)
     counts = {row: sum(a.row == row for a in answers) for row in ROWS}
     assert counts["v only"] == counts["CAD"] == 4
     assert all(counts[row] == 12 for row in ROWS[2:])
-    text = table([rig], answers, 0)
+    text = format_table([rig], answers, 0)
     assert "1 rigs, 1 parts of 1 families, 4 scans, 0 refused" in text
     assert all(row in text for row in ROWS)
 
@@ -60,7 +60,7 @@ def test_an_estimator_is_asked_once_for_each_scan():
             return super().estimate(volume, unit_volume)
 
     counts, volume = Counts(), stack_volume_of_box()
-    remembered = Remembered(counts)
+    remembered = CachedEstimator(counts)
     assert remembered.name == counts.name
     assert remembered.estimate(volume, 1e-6) is remembered.estimate(volume, 1e-6)
     remembered.estimate(volume, 2e-6)
@@ -68,9 +68,9 @@ def test_an_estimator_is_asked_once_for_each_scan():
 
 
 def test_the_figures_are_those_of_the_answers(rigs):
-    answers = [Answer(row, 0, i, 100, 100 + 5 * i, 90, 110, 0.5, ()) for row in ROWS
+    answers = [PartCount(row, 0, i, 100, 100 + 5 * i, 90, 110, 0.5, ()) for row in ROWS
                for i in range(5)]
-    line = next(line for line in table(rigs[:1], answers, 0).splitlines()
+    line = next(line for line in format_table(rigs[:1], answers, 0).splitlines()
                 if line.startswith("CAD  "))
     assert [float(x) for x in line.split()[1:]] == pytest.approx(
         [5, 0.1, 0.1, 0.1, 1.0, 10 / 110, 0.5], abs=2e-3)
@@ -78,5 +78,5 @@ def test_the_figures_are_those_of_the_answers(rigs):
 
 def test_the_sensitivity_is_that_of_the_models():
     made = PartModels("n", gamma_model(), gamma_model(), "piles")
-    text = sensitivity([made, made])
+    text = format_sensitivity([made, made])
     assert f"{np.exp(-0.03) - 1:+.1%}" in text and "+0.0%" in text

@@ -1,4 +1,5 @@
-"""The paper's metrics, exactly (supplement, "Metrics")."""
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's metrics, exactly (supplement, "Metrics"), of (n,) true values y and guesses y'."""
 
 from __future__ import annotations
 
@@ -37,12 +38,12 @@ def r2(true: np.ndarray, guess: np.ndarray) -> float:
     return float(1 - ((true - guess) ** 2).sum() / ((true - true.mean()) ** 2).sum())
 
 
-def wilson(hits: int, of: int, z: float = 1.96) -> tuple[float, float]:
-    """95% confidence interval of a share.
+def wilson_interval(hits: int, total: int, z: float = 1.96) -> tuple[float, float]:
+    """95% confidence interval of the share hits / total; `z` in standard deviations.
 
     Source: Wilson, "Probable Inference, the Law of Succession, and Statistical Inference" (1927).
     """
-    share, extra = hits / of, z**2 / of
+    share, extra = hits / total, z**2 / total
     middle = (share + extra / 2) / (1 + extra)
-    half = z / (1 + extra) * math.sqrt(share * (1 - share) / of + extra / (4 * of))
+    half = z / (1 + extra) * math.sqrt(share * (1 - share) / total + extra / (4 * total))
     return middle - half, middle + half

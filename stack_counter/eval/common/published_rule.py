@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The published rule for the volume of a stack, stated anew to be measured beside ours.
 
 A grid of 100 x 100 x 100 voxels fills the upright bounding box of container and parts. A view
@@ -34,25 +35,37 @@ from scipy import ndimage
 from stack_counter import geometry
 from stack_counter.types import BACKGROUND, View
 
-CELLS = 100  # along each side of the grid
-_AROUND = 2  # empty voxels kept beside and above the true box: a fitted box is not tight either
+# Voxels along each side of the grid. Source: paper, section 3.3.
+CELLS = 100
+# Empty voxels beside and above the true box, chosen: a fitted box is not tight either.
+_MARGIN = 2
 
 
 @dataclass(frozen=True)
 class Rule:
-    """How many votes remove a voxel, and whether walls are peeled as the paper writes (else as
-    the released code does)."""
+    """One reading of the rule.
+
+    Attributes:
+        votes: number of votes that remove a voxel.
+        as_written: walls are peeled as the paper writes, else as the released code does.
+    """
 
     votes: int
     as_written: bool
 
 
-WRITTEN, RELEASED = Rule(1, True), Rule(5, False)
+WRITTEN, RELEASED = Rule(votes=1, as_written=True), Rule(votes=5, as_written=False)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Grid:
-    """Voxels of an upright box: lowest corner (3,) and sides of a voxel (3,), metres, world."""
+    """Voxels of an upright box, world frame, metres.
+
+    Attributes:
+        low: (3,) lowest corner.
+        sides: (3,) sides of a voxel.
+        cells: number of voxels along each side.
+    """
 
     low: np.ndarray
     sides: np.ndarray
@@ -60,10 +73,10 @@ class Grid:
 
     @classmethod
     def around(cls, points: np.ndarray, cells: int = CELLS) -> Grid:
-        """The grid of what (n, 3) points span, metres, world."""
+        """The grid around what (n, 3) points span, metres, world."""
         low, high = points.min(axis=0), points.max(axis=0)
-        sides = (high - low) / (cells - np.array([2, 2, 1]) * _AROUND)
-        return cls(low - sides * [_AROUND, _AROUND, 0], sides, cells)
+        sides = (high - low) / (cells - np.array([2, 2, 1]) * _MARGIN)
+        return cls(low - sides * [_MARGIN, _MARGIN, 0], sides, cells)
 
     def centers(self) -> np.ndarray:
         """(cells**3, 3) float64 centres, x slowest."""
@@ -71,67 +84,71 @@ class Grid:
         return self.low + (index + 0.5) * self.sides
 
 
-def volume(views: list[View], grid: Grid, wall: float, rule: Rule) -> float:
+def volume_by_rule(views: list[View], grid: Grid, wall_m: float, rule: Rule) -> float:
     """V by the rule, m3.
 
     Args:
         views: pinhole views with labels and depth.
         grid: around container and parts.
-        wall: thickness, metres; 0 for none.
+        wall_m: thickness of the container's wall; 0 for none.
+        rule: which reading of the rule.
     """
+    # Carve by votes
     points = grid.centers()
     votes = np.zeros(len(points), np.int32)
     for view in views:
-        votes += against(view, points)
+        votes += removal_votes(view, points)
     full = (votes < rule.votes).reshape((grid.cells,) * 3)
-    if wall > 0:
-        full = _peeled_as_written(full, np.round(wall / grid.sides).astype(int)) \
-            if rule.as_written else _peeled_as_released(full, round(wall / grid.sides[0]))
+    # Peel the container's walls off
+    if wall_m > 0:
+        full = _peel_as_written(full, np.round(wall_m / grid.sides).astype(int)) \
+            if rule.as_written else _peel_as_released(full, round(wall_m / grid.sides[0]))
     return float(np.count_nonzero(full) * np.prod(grid.sides))
 
 
-def against(view: View, points: np.ndarray) -> np.ndarray:
-    """(n,) bool: the view's votes to remove the voxels at (n, 3) points, metres, world."""
+def removal_votes(view: View, points: np.ndarray) -> np.ndarray:
+    """(n,) bool: the voxels at (n, 3) points, world, metres, that the view votes to remove."""
     assert view.depth is not None and view.labels is not None  # for the type checker
     pixels = geometry.project_into(view, points)
     rows, cols = pixels.rows, pixels.cols
-    out = np.zeros(len(points), bool)
-    out[pixels.inside] = (view.labels[rows, cols] == BACKGROUND) \
+    votes = np.zeros(len(points), bool)
+    votes[pixels.inside] = (view.labels[rows, cols] == BACKGROUND) \
         | (pixels.depth < view.depth[rows, cols])
-    return out
+    return votes
 
 
-def against_by_loop(view: View, points: np.ndarray) -> np.ndarray:
-    """As `against`; one voxel at a time after the projection, as the released code runs."""
+def removal_votes_by_loop(view: View, points: np.ndarray) -> np.ndarray:
+    """The votes of `removal_votes`, one voxel at a time after the projection, as the released
+    code runs."""
     assert view.depth is not None and view.labels is not None  # for the type checker
     k = view.intrinsics
     local = geometry.apply(geometry.inverse(view.T_world_camera), points)
     pixels, depths = geometry.project(local, k)
     pixels = np.round(pixels).astype(int)
-    out = np.zeros(len(points), bool)
+    votes = np.zeros(len(points), bool)
     for i, ((x, y), z) in enumerate(zip(pixels, depths)):
         if z <= 0 or not (0 <= x < k.width and 0 <= y < k.height):
             continue
         if view.labels[y, x] == BACKGROUND or z < view.depth[y, x]:
-            out[i] = True
-    return out
+            votes[i] = True
+    return votes
 
 
-def _peeled_as_written(full: np.ndarray, steps: np.ndarray) -> np.ndarray:
+def _peel_as_written(full: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """(n, n, n) bool without the outermost `steps` (3,) voxels of every line along x and y, and
     the lowest of every line along z."""
-    out, cells = full.copy(), len(full)
+    peeled, cells = full.copy(), len(full)
     for axis in range(3):
         along = np.arange(cells).reshape(np.roll([cells, 1, 1], axis))
         first = np.argmax(full, axis, keepdims=True)
         last = cells - 1 - np.argmax(np.flip(full, axis), axis, keepdims=True)
-        out &= along >= first + steps[axis]
+        peeled &= along >= first + steps[axis]
         if axis < 2:
-            out &= along <= last - steps[axis]
-    return out
+            peeled &= along <= last - steps[axis]
+    return peeled
 
 
-def _peeled_as_released(full: np.ndarray, width: int) -> np.ndarray:
+def _peel_as_released(full: np.ndarray, width: int) -> np.ndarray:
     """(n, n, n) bool without a skin of `width` voxels around every change along x or y, and
     around bottom faces."""
     if width < 1:

@@ -7,7 +7,8 @@ import pytest
 
 from stack_counter.cli import main
 from stack_counter.eval import count, gamma
-from stack_counter.eval.common.cases import ROWS, Case, Guess, groups, ideal
+from stack_counter.eval.common.case import Case, Guess
+from stack_counter.eval.common.cases import ROWS, group_cases, ideal_volume
 from stack_counter.eval.common.plot import plot_complexity
 from stack_counter.sim import read_scenes
 
@@ -22,28 +23,28 @@ def case(i, factor=1.0, held=True, kind="bin"):
 
 def test_a_perfect_pipeline_has_no_error():
     cases = [case(i) for i in range(8)]
-    line = next(x for x in count.table(cases).splitlines() if x.startswith("ours  "))
+    line = next(x for x in count.format_table(cases).splitlines() if x.startswith("ours  "))
     assert line.split()[1:6] == ["8", "0.000", "0.000", "0.0", "0.0"]
     assert "1.00 (0.68 to 1.00)" in line
 
 
 def test_ten_percent_too_many_and_half_of_the_intervals_missed():
     cases = [case(i, 1.1, held=i % 2 == 0) for i in range(8)]
-    line = next(x for x in count.table(cases).splitlines() if x.startswith("ours  "))
+    line = next(x for x in count.format_table(cases).splitlines() if x.startswith("ours  "))
     assert line.split()[2] == "0.101" or line.split()[2] == "0.100"
     assert "0.50 (0.22 to 0.78)" in line
-    assert "family0 +10%" in count.table(cases)
-    assert "+0.050" in gamma.table(cases)
+    assert "family0 +10%" in count.format_table(cases)
+    assert "+0.050" in gamma.format_table(cases)
 
 
 def test_refused_scans_are_counted_and_not_hidden():
     refused = Case(9, "f", "bin", 10, 0.5, 0.5, 0.5, np.nan, {})
-    assert count.table([case(0), case(1), refused]).startswith("1 refused")
+    assert count.format_table([case(0), case(1), refused]).startswith("1 refused")
 
 
 def test_groups_hold_every_scene_once_by_kind_fill_and_complexity():
     cases = [case(i, kind="bin" if i % 2 else "none") for i in range(9)]
-    of = groups(cases)
+    of = group_cases(cases)
     assert sum(len(of[k]) for k in ("bin", "none")) == 9
     assert sum(len(g) for k, g in of.items() if k.startswith("fill")) == 9
     assert sum(len(of[k]) for k in ("simple", "middling", "complex")) == 9
@@ -56,7 +57,7 @@ def test_complexity_is_plotted(tmp_path):
 
 def test_the_ideal_volume_is_the_truth():
     scene = next(iter(read_scenes(ideal_folder(), 1)))
-    volume = ideal(scene)
+    volume = ideal_volume(scene)
     assert volume.stack_volume == scene.truth.stack_volume
     cells = volume.top.heights - volume.inner.heights
     area = volume.top.pitch**2
@@ -65,9 +66,9 @@ def test_the_ideal_volume_is_the_truth():
 
 
 def ideal_folder():
-    from stack_counter.eval.common.sets import folder_of
+    from stack_counter.eval.common.sets import find_set_folder
 
-    return folder_of("unseen")
+    return find_set_folder("unseen")
 
 
 def test_the_command_prints_and_writes(tmp_path, capsys):

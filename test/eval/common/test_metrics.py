@@ -26,6 +26,6 @@ def test_the_mean_has_no_r2():
 
 
 def test_wilson_holds_the_share_and_stays_in_range():
-    low, high = metrics.wilson(90, 100)
+    low, high = metrics.wilson_interval(90, 100)
     assert (low, high) == (pytest.approx(0.8256, abs=1e-3), pytest.approx(0.9448, abs=1e-3))
-    assert metrics.wilson(10, 10)[1] == pytest.approx(1.0)
+    assert metrics.wilson_interval(10, 10)[1] == pytest.approx(1.0)
