@@ -28,8 +28,8 @@ from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, read_shard, record
 from stack_counter.types import CONTAINER, PARTS, View
 
-# A user's boxes are too large by up to so many pixels on each side, and so many points on parts are
-# clicked; chosen.
+# A user's boxes are too large by up to so many pixels on each side, and so many points on parts
+# are clicked; chosen.
 _LOOSE_PX, _POINTS = 8.0, 3
 
 

@@ -1,21 +1,14 @@
-"""Tables of what knowing the part brings."""
+# SPDX-License-Identifier: Apache-2.0
+"""Counts of rigs by all that may be known of their parts."""
 
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from kits.known_parts import ConstantEstimator, gamma_model, stack_volume_of_box
 
-from stack_counter.eval.parts import (
-    ROWS,
-    CachedEstimator,
-    PartCount,
-    count_all_ways,
-    format_sensitivity,
-    format_table,
-    group_by_rig,
-)
+from stack_counter.eval.common.part_table import ROWS, format_table
+from stack_counter.eval.parts import CachedEstimator, count_all_ways, group_by_rig
 from stack_counter.parts.gamma_model import PartModels
 from stack_counter.sim import read_scenes
 
@@ -65,18 +58,3 @@ def test_an_estimator_is_asked_once_for_each_scan():
     assert remembered.estimate(volume, 1e-6) is remembered.estimate(volume, 1e-6)
     remembered.estimate(volume, 2e-6)
     assert counts.asked == 2
-
-
-def test_the_figures_are_those_of_the_answers(rigs):
-    answers = [PartCount(row, 0, i, 100, 100 + 5 * i, 90, 110, 0.5, ()) for row in ROWS
-               for i in range(5)]
-    line = next(line for line in format_table(rigs[:1], answers, 0).splitlines()
-                if line.startswith("CAD  "))
-    assert [float(x) for x in line.split()[1:]] == pytest.approx(
-        [5, 0.1, 0.1, 0.1, 1.0, 10 / 110, 0.5], abs=2e-3)
-
-
-def test_the_sensitivity_is_that_of_the_models():
-    made = PartModels("n", gamma_model(), gamma_model(), "piles")
-    text = format_sensitivity([made, made])
-    assert f"{np.exp(-0.03) - 1:+.1%}" in text and "+0.0%" in text

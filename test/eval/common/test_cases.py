@@ -10,6 +10,7 @@ from stack_counter.eval import count, gamma
 from stack_counter.eval.common.case import Case, Guess
 from stack_counter.eval.common.cases import ROWS, group_cases, ideal_volume
 from stack_counter.eval.common.plot import plot_complexity
+from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.sim import read_scenes
 
 
@@ -56,19 +57,13 @@ def test_complexity_is_plotted(tmp_path):
 
 
 def test_the_ideal_volume_is_the_truth():
-    scene = next(iter(read_scenes(ideal_folder(), 1)))
+    scene = next(iter(read_scenes(find_set_folder("unseen"), 1)))
     volume = ideal_volume(scene)
     assert volume.stack_volume == scene.truth.stack_volume
     cells = volume.top.heights - volume.inner.heights
     area = volume.top.pitch**2
     assert np.nansum(np.maximum(cells, 0)) * area == pytest.approx(
         scene.truth.stack_volume, rel=0.02)
-
-
-def ideal_folder():
-    from stack_counter.eval.common.sets import find_set_folder
-
-    return find_set_folder("unseen")
 
 
 def test_the_command_prints_and_writes(tmp_path, capsys):
