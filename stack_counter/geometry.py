@@ -19,16 +19,19 @@ _COEFFICIENTS = {"": 0, "none": 0, "plumb_bob": 5, "rational_polynomial": 8, "eq
 
 @dataclass(frozen=True)
 class GeometrySettings:
-    """Which inputs are refused; all values are chosen.
+    """Which inputs are refused, and how poses are rounded; all values are chosen.
 
     Attributes:
         quaternion_norm_error: largest distance of a quaternion's norm from 1.
         ray_condition: largest condition number of the equations for the point nearest to several
             rays; it is about 1e6 for rays within a thousandth of a radian.
+        quaternion_step: step to which the ratios of a quaternion's components to the largest are
+            rounded; a hundred times the rounding errors of the way to a matrix and back.
     """
 
     quaternion_norm_error: float = 0.01
     ray_condition: float = 1e6
+    quaternion_step: float = 2.0**-44
 
 
 SETTINGS = GeometrySettings()
@@ -55,6 +58,9 @@ def apply(T: np.ndarray, points: np.ndarray) -> np.ndarray:
 def pose_from_quaternion(quaternion: np.ndarray, translation: np.ndarray) -> np.ndarray:
     """(4, 4) transform from a quaternion (x, y, z, w) and a translation in metres.
 
+    The rotation is rounded, by less than 1e-13 rad, to one that survives `quaternion_from_pose`
+    and this function bit by bit.
+
     Raises:
         ViewError: reason `bad_pose`, for values that are not finite or a norm off 1 by over 1%.
     """
@@ -64,7 +70,17 @@ def pose_from_quaternion(quaternion: np.ndarray, translation: np.ndarray) -> np.
             and norm_error < SETTINGS.quaternion_norm_error):
         raise ViewError("bad_pose", f"quaternion {q.tolist()} with translation {t.tolist()}; "
                                     "expected finite numbers and a norm of 1")
-    return pose(Rotation.from_quat(q).as_matrix(), t)
+    steps = np.round(q / q[np.argmax(np.abs(q))] / SETTINGS.quaternion_step)
+    return pose(Rotation.from_quat(steps * SETTINGS.quaternion_step).as_matrix(), t)
+
+
+def canonical_pose(T: np.ndarray) -> np.ndarray:
+    """Returns the (4, 4) transform that every quaternion message of `T` is read back as.
+
+    Rounding errors of a message grow: matching pictures amplifies a pose's 1e-16 to a thousandth
+    of V. A view whose pose is canonical gives the same bits on either side of any message.
+    """
+    return pose_from_quaternion(quaternion_from_pose(T), T[:3, 3])
 
 
 def quaternion_from_pose(T: np.ndarray) -> np.ndarray:

@@ -23,6 +23,17 @@ def test_inverse_and_quaternions_against_scipy():
         np.testing.assert_allclose(geometry.pose_from_quaternion(q, T[:3, 3]), T, atol=1e-12)
 
 
+def test_a_canonical_pose_survives_its_quaternion_bit_by_bit():
+    random = np.random.default_rng(0)
+    equal = [(1, 1, 1, 1), (1, -1, 1, -1), (1, 1, 0, 0), (0, 0, 1, 1), (1, 0, 0, 0)]
+    quaternions = np.concatenate([np.array(equal, float), random.normal(size=(2000, 4))])
+    for q in quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True):
+        raw = geometry.pose(Rotation.from_quat(q).as_matrix(), random.normal(size=3))
+        T = geometry.canonical_pose(raw)
+        np.testing.assert_array_equal(geometry.canonical_pose(T), T)
+        np.testing.assert_allclose(T, raw, atol=1e-13)
+
+
 def test_projection_inverts_unprojection_and_agrees_with_opencv():
     depth = RANDOM.uniform(0.3, 1.0, (48, 64)).astype(np.float32)
     points = geometry.unproject(depth, K)

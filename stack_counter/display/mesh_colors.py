@@ -1,8 +1,9 @@
+# SPDX-License-Identifier: Apache-2.0
 """Colours of a mesh from the pictures that show it."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -10,13 +11,29 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.types import Mesh, View
 
-_MOST_VIEWS = 6  # looked at, evenly spread over the scan
-_CLOSE = 0.01  # how near the seen surface a vertex must be, m
-_GREY = 128  # of what no picture shows
+
+@dataclass(frozen=True)
+class MeshColorSettings:
+    """How a mesh takes its colours; all chosen: nothing is measured on them.
+
+    Attributes:
+        max_views: number of views that colours are taken from, evenly spread over the scan.
+        max_distance_m: distance along the optical axis between a vertex and the depth measured
+            at its pixel up to which the view shows it.
+        unseen_grey: grey level of what no picture shows.
+    """
+
+    max_views: int = 6
+    max_distance_m: float = 0.01
+    unseen_grey: int = 128
+
+
+SETTINGS = MeshColorSettings()
 
 
 def display_colors(mesh: Mesh) -> np.ndarray:
-    """(n, 3) uint8 RGB of the vertices, one or more: their own, or dark to bright by height."""
+    """Returns (n, 3) uint8 RGB of one or more vertices: their own, or dark to bright by height.
+    """
     if mesh.colors is not None:
         return mesh.colors
     z = mesh.vertices[:, 2]
@@ -26,19 +43,27 @@ def display_colors(mesh: Mesh) -> np.ndarray:
 
 
 def color_mesh(mesh: Mesh, views: list[View]) -> Mesh:
-    """The mesh with the mean colour that views with depth and colour show of each vertex; as it
-    was if none has colour."""
+    """Returns the mesh with the mean colour that the views show of each vertex.
+
+    Args:
+        mesh: vertices in the world.
+        views: those without depth or colour are left out; with none left the mesh stays as it is.
+    """
     views = [v for v in views if v.color is not None and v.depth is not None]
     if not views:
         return mesh
-    total, seen = np.zeros((len(mesh.vertices), 3)), np.zeros(len(mesh.vertices))
-    for i in np.unique(np.linspace(0, len(views) - 1, _MOST_VIEWS).round().astype(int)):
+    # Sum the colours of every vertex over the views that show it.
+    total, views_seeing = np.zeros((len(mesh.vertices), 3)), np.zeros(len(mesh.vertices))
+    for i in np.unique(np.linspace(0, len(views) - 1, SETTINGS.max_views).round().astype(int)):
         view = views[i]
-        assert view.color is not None and view.depth is not None  # chosen above
+        assert view.color is not None and view.depth is not None  # for the type checker
         pixels = geometry.project_into(view, mesh.vertices)
-        shown = np.abs(view.depth[pixels.rows, pixels.cols] - pixels.depth) < _CLOSE
+        off = np.abs(view.depth[pixels.rows, pixels.cols] - pixels.depth)
+        shown = off < SETTINGS.max_distance_m
         index = np.flatnonzero(pixels.inside)[shown]
         total[index] += view.color[pixels.rows[shown], pixels.cols[shown]]
-        seen[index] += 1
-    mean = np.where(seen[:, None] > 0, total / np.maximum(seen, 1)[:, None], _GREY)
+        views_seeing[index] += 1
+    # Take their mean.
+    mean = np.where(views_seeing[:, None] > 0, total / np.maximum(views_seeing, 1)[:, None],
+                    SETTINGS.unseen_grey)
     return replace(mesh, colors=mean.round().astype(np.uint8))

@@ -15,7 +15,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from stack_counter.display.mesh_colors import display_colors
-from stack_counter.display.mesh_decimation import decimated
+from stack_counter.display.mesh_decimation import decimate
 from stack_counter.display.wireframes import box_lines, container_lines, frustum_lines
 from stack_counter.ros.conversions import from_container, from_height_map, from_reasons
 from stack_counter.ros.standard_messages import to_bytes
@@ -91,7 +91,7 @@ def surface_marker(mesh: Mesh, header: Header) -> Marker:
 
     Foxglove ignores colours of faces.
     """
-    mesh = decimated(mesh, SETTINGS.max_triangles)
+    mesh = decimate(mesh, SETTINGS.max_triangles)
     corners = mesh.triangles.ravel().tolist()
     points = _points(mesh.vertices)  # one message a vertex, which its triangles share
     colors = [_color(rgb) for rgb in (display_colors(mesh) / 255).tolist()]

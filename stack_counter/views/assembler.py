@@ -270,7 +270,8 @@ class ViewAssembler:
         if self._config.labels_topic:
             labels = self._labels.nearest_image(head.color, head.stamp_ns, "bad_labels")
         T, fixed = self._find_pose(head)
-        view = View(head.stamp_ns, intrinsics, T, head.color, depth, labels, head.frame, fixed)
+        view = View(head.stamp_ns, intrinsics, geometry.canonical_pose(T), head.color, depth,
+                    labels, head.frame, fixed)
         self._gate.check(view)
         return view
 

@@ -1,9 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
 """Meshes with fewer triangles: the same surface, in the same colours."""
 
 import numpy as np
 import pytest
 
-from stack_counter.display.mesh_decimation import decimated
+from stack_counter.display.mesh_decimation import decimate
 from stack_counter.types import Mesh
 
 SIDE = 0.3
@@ -30,7 +31,7 @@ def doubled_areas(mesh):
 @pytest.mark.parametrize("most", [19_999, 5000, 300])
 def test_fewer_triangles_cover_the_same_surface(most):
     mesh = sheet()
-    fewer = decimated(mesh, most)
+    fewer = decimate(mesh, most)
     assert most / 4 < len(fewer.triangles) <= most
     normals, before = doubled_areas(fewer), doubled_areas(mesh)
     assert (normals[:, 2] > -1e-12).all()  # all of them face up, as they did
@@ -41,17 +42,17 @@ def test_fewer_triangles_cover_the_same_surface(most):
 
 
 def test_colours_stay_where_they_were():
-    fewer = decimated(sheet(), 2000)
+    fewer = decimate(sheet(), 2000)
     left = fewer.vertices[:, 2] < 0.001
     right = fewer.vertices[:, 2] > 0.049
     assert left.sum() > 200 and right.sum() > 200
     assert (fewer.colors[left] == [200, 0, 0]).all()
     assert (fewer.colors[right] == [0, 0, 200]).all()
-    plain = decimated(Mesh(sheet().vertices, sheet().triangles), 2000)
+    plain = decimate(Mesh(sheet().vertices, sheet().triangles), 2000)
     assert plain.colors is None
     np.testing.assert_array_equal(plain.vertices, fewer.vertices)
 
 
 def test_a_mesh_that_is_small_enough_is_not_touched():
     mesh = sheet(10)
-    assert decimated(mesh, 200) is mesh
+    assert decimate(mesh, 200) is mesh

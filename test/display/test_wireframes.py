@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lines of cameras, boxes and containers, against their corners."""
 
 import numpy as np

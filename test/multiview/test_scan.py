@@ -5,29 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kits.analytic import Scene
-from kits.textures import wavy_texture
+from kits.textures import closed_container_views, textured_views
 
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.pipeline import StackCounter
-from stack_counter.types import BACKGROUND, CONTAINER, PARTS, Intrinsics
+from stack_counter.types import CONTAINER, PARTS
 
-CAMERA = Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5)
 INNER, WALL, FLOOR, FILL = (0.16, 0.12, 0.07), 0.008, 0.008, 0.04
 T_OTHER = geometry.pose_from_quaternion(np.array([0.2, -0.4, 0.5, np.sqrt(0.55)]),
                                         np.array([1.0, -2, 0.5]))
-
-
-def pictures(scene, label, world=np.eye(4), count=12):
-    """Textured views of a scene without depth; `label` says what points of the world are."""
-    views = []
-    for view in scene.views(count, 0.5, (0, 0, 0.03), tilts=(12, 28, 42), camera=CAMERA):
-        points = geometry.world_points(view)
-        color = np.repeat(wavy_texture(points)[..., None], 3, axis=-1).astype(np.uint8)
-        labels = np.where(points[..., 2] > 1e-4, label(points), BACKGROUND).astype(np.uint8)
-        views.append(replace(view, depth=None, color=color, labels=labels,
-                             T_world_camera=world @ view.T_world_camera))
-    return views
 
 
 def volume(views, **settings):
@@ -44,7 +31,7 @@ def bin_label(points):
 
 @pytest.fixture(scope="module")
 def bin_views():
-    return pictures(Scene().bin(INNER, WALL, FLOOR, FILL), bin_label)
+    return textured_views(Scene().bin(INNER, WALL, FLOOR, FILL), bin_label)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +51,7 @@ def test_an_open_bin_is_measured_as_with_a_depth_camera(found):
 
 
 def test_a_world_of_any_tilt_gives_the_same(found):
-    views = pictures(Scene().bin(INNER, WALL, FLOOR, FILL), bin_label, T_OTHER)
+    views = textured_views(Scene().bin(INNER, WALL, FLOOR, FILL), bin_label, T_OTHER)
     turned = volume(views)
     assert turned.stack_volume == pytest.approx(found.stack_volume, rel=0.04)
     up = T_OTHER[:3, 2]
@@ -78,8 +65,8 @@ def test_a_world_of_any_tilt_gives_the_same(found):
 
 
 def test_a_heap_stands_on_the_support():
-    heap = volume(pictures(Scene().box([0, 0, 0.03], (0.14, 0.1, 0.06)),
-                           lambda points: np.full(points.shape[:-1], PARTS)))
+    heap = volume(textured_views(Scene().box([0, 0, 0.03], (0.14, 0.1, 0.06)),
+                                 lambda points: np.full(points.shape[:-1], PARTS)))
     assert heap.container.kind == "none"
     assert heap.stack_volume == pytest.approx(0.14 * 0.1 * 0.06, rel=0.08)
     # A block with walls so smooth may as well be a full bin.
@@ -88,8 +75,7 @@ def test_a_heap_stands_on_the_support():
 
 def test_a_closed_container_is_what_labels_and_depth_leave():
     size = (0.14, 0.1, 0.06)
-    bag = volume(pictures(Scene().box([0, 0, 0.03], size),
-                          lambda points: np.where(points[..., 0] > 0.04, CONTAINER, PARTS)))
+    bag = volume(closed_container_views(count=12))
     assert bag.container.kind == "hull"
     assert bag.stack_volume == pytest.approx(np.prod(size), rel=0.08)
     assert "depth_from_pictures" in bag.reasons

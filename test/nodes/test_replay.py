@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from kits.bags import bag
 from kits.painted import marks, painted, unlabelled
+from kits.textures import closed_container_views
 
 from stack_counter.cli import main
 
@@ -63,6 +64,21 @@ def test_prompts_give_the_same_through_the_nodes(tmp_path, capsys):
     for key in ("count", "count_interval", "views", "reasons"):
         assert results[0][key] == results[1][key], key
     assert results[0]["volume_m3"] == pytest.approx(results[1]["volume_m3"], rel=1e-9)
+
+
+def test_pictures_alone_give_the_same_through_the_nodes(tmp_path, capsys):
+    """Stereo amplifies rounding: the poses must come through the messages bit by bit."""
+    recording = bag(tmp_path, closed_container_views())
+    results = []
+    for how in ("--nodes", "--direct"):
+        out = tmp_path / f"{how}.json"
+        assert main(["replay", str(recording), "--unit-volume-cm3", "2", "--json", str(out), how]
+                    ) == 0, capsys.readouterr().err
+        results.append(json.loads(out.read_text()))
+    assert "depth_from_pictures" in results[0]["reasons"]
+    for key in ("count", "count_interval", "volume_m3", "volume_std_m3", "gamma", "gamma_std",
+                "container", "views", "reasons"):
+        assert results[0][key] == results[1][key], key
 
 
 def test_a_station_counts_every_cycle_and_names_the_dead_camera(tmp_path, capsys, monkeypatch):

@@ -183,4 +183,5 @@ def test_a_fixed_pose_needs_no_transforms(tmp_path):
             takers.get(topic, assembler.add_color)(message)
         views += assembler.poll()
     views += assembler.flush()
-    assert len(views) >= 1 and all(v.fixed and v.T_world_camera is T for v in views)
+    assert len(views) >= 1 and all(
+        v.fixed and np.array_equal(v.T_world_camera, T) for v in views)
