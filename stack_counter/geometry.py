@@ -104,6 +104,7 @@ def project(points: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, np.
 
     Args:
         points: (..., 3) metres, optical frame.
+        intrinsics: without distortion.
 
     Returns:
         (..., 2) pixel coordinates (x, y) and (...) depth in metres; pixels are not finite or
@@ -158,16 +159,14 @@ def pixel_rays(intrinsics: Intrinsics, stride: int = 1, dtype: type[np.floating]
 
 
 def unproject(depth: np.ndarray, intrinsics: Intrinsics, stride: int = 1) -> np.ndarray:
-    """(h, w, 3) float32 optical-frame points, metres, of every `stride`-th pixel of an (h, w)
-    depth image in metres."""
+    """(h, w, 3) float32 points, metres, optical frame, of every `stride`-th pixel of `depth`."""
     x, y = _ray_slopes(intrinsics, stride, np.float32)
     z = depth[::stride, ::stride]
     return np.stack([x * z, y * z, z], axis=-1)
 
 
 def world_points(view: View, stride: int = 1) -> np.ndarray:
-    """(h, w, 3) float32 world points, metres, of every `stride`-th pixel of a view with depth; NaN
-    where depth is invalid.
+    """(h, w, 3) float32 world points, metres, of every `stride`-th pixel; NaN without depth.
 
     Raises:
         ViewError: reason `no_depth`.
@@ -181,7 +180,7 @@ def world_points(view: View, stride: int = 1) -> np.ndarray:
 
 def _ray_slopes(intrinsics: Intrinsics, stride: int, dtype: type[np.floating]
                 ) -> tuple[np.ndarray, np.ndarray]:
-    """x / z and y / z, (h, w) each, of the rays through every `stride`-th pixel."""
+    """Slopes x / z and y / z, (h, w) each, of the rays through every `stride`-th pixel."""
     k = intrinsics
     v, u = np.mgrid[:k.height:stride, :k.width:stride].astype(dtype)
     return (u - dtype(k.cx)) / dtype(k.fx), (v - dtype(k.cy)) / dtype(k.fy)
@@ -282,8 +281,8 @@ def crop(view: View, first: np.ndarray, last: np.ndarray) -> View:
 
     Args:
         view: without distortion.
-        first, last: (2,) pixels (x, y) at opposite corners; those outside are moved to the
-            image's edge.
+        first: (2,) pixel (x, y) of the corner with the smallest coordinates.
+        last: (2,) pixel (x, y) of the opposite one; both are moved to the image if outside.
 
     Raises:
         ViewError: reason `out_of_sight`, if nothing is left.
@@ -303,30 +302,3 @@ def crop(view: View, first: np.ndarray, last: np.ndarray) -> View:
                          cy=k.cy - float(y0))
     return replace(view, intrinsics=intrinsics, color=cropped(view.color),
                    depth=cropped(view.depth), labels=cropped(view.labels))
-
-
-def shrink(view: View, factor: int) -> View:
-    """Scales the images and the calibration of a view down.
-
-    Args:
-        view: without distortion.
-        factor: how many times smaller; colour is averaged over factor x factor pixels, depth and
-            labels are those of a middle one.
-    """
-    n = factor
-    if n == 1:
-        return view
-    k = view.intrinsics
-    w, h = k.width // n, k.height // n
-    # Pixel centres lie on whole numbers: the middle of the first n is at (n - 1) / 2.
-    intrinsics = replace(k, width=w, height=h, fx=k.fx / n, fy=k.fy / n,
-                         cx=(k.cx - (n - 1) / 2) / n, cy=(k.cy - (n - 1) / 2) / n)
-
-    def middle(image: np.ndarray | None) -> np.ndarray | None:
-        return None if image is None else np.ascontiguousarray(
-            image[n // 2::n, n // 2::n][:h, :w])
-
-    color = view.color if view.color is None else cv2.resize(
-        view.color[:h * n, :w * n], (w, h), interpolation=cv2.INTER_AREA)
-    return replace(view, intrinsics=intrinsics, color=color, depth=middle(view.depth),
-                   labels=middle(view.labels))

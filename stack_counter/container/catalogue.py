@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The container catalogue: containers that empty-bin scans have measured (config/containers.yaml).
-"""
+"""The container catalogue (config/containers.yaml): what empty-bin scans have measured."""
 
 from __future__ import annotations
 

@@ -212,8 +212,10 @@ def _is_container(found: _Candidate, region: Region, labelled: bool) -> bool:
 
 
 def _is_container_from_one_side(found: _Candidate) -> bool:
-    """Whether rim and wall are a container's of which one camera above sees the rim and some of
-    the wall's inner face."""
+    """Whether rim and wall are a container's.
+
+    One camera above sees of it the rim and some of the wall's inner face.
+    """
     return found.rim.outline.kind != "free" \
         and found.rim.outline_share >= SETTINGS.one_side_rim \
         and found.wall.inner_share >= SETTINGS.one_side_face

@@ -96,8 +96,15 @@ class WallTable:
         self._radii = np.stack([_radii_at(ring[:, :2], angles) for ring in rings])
 
     def inside(self, points: np.ndarray) -> np.ndarray:
-        """(n,) metres that points (n, 3) of the container's frame lie inside the inner wall at
-        their own height (above the rim: its outline), along the radius; negative outside."""
+        """Distances of points from the inner wall, along the radius.
+
+        Args:
+            points: (n, 3) metres, container frame.
+
+        Returns:
+            (n,) metres inwards from the wall at a point's own height, above the rim from its
+            outline; negative outside.
+        """
         x, y, z = points.T
         level = np.interp(z, self._levels, np.arange(len(self._levels)))
         angle = (np.arctan2(y, x) + np.pi) / (2 * np.pi) * (SETTINGS.angle_samples - 1)
@@ -132,8 +139,7 @@ def _rings(container: Container) -> np.ndarray:
 
 
 def _radii_at(ring: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """(n,) distances from the middle to a closed star-shaped outline (k, 2) at angles (n,), rad.
-    """
+    """(n,) distances from the middle to a star-shaped outline (k, 2) at angles (n,), rad."""
     # The side of the outline that each angle meets.
     a, b = ring, np.roll(ring, -1, axis=0)
     starts = np.arctan2(a[:, 1], a[:, 0])

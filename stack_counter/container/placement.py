@@ -147,8 +147,10 @@ def place_container(taught: TaughtContainer, surface: FusedSurface, views: list[
 
 def _fit_to_rim(taught: TaughtContainer, top: HeightMap, lowest: float, name: str
                 ) -> list[PlacedWall]:
-    """The wall in all the poses in which its outline meets the rim; an outline with symmetries
-    has several."""
+    """The wall in all the poses in which its outline meets the rim.
+
+    An outline with symmetries has several.
+    """
     s = SETTINGS
     # Try all yaws about the rim's middle.
     points = rim_points(top, lowest, taught.rim_m)

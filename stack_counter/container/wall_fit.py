@@ -246,8 +246,7 @@ def _cell_medians(wall: FittedWall, points: FacePoints, cell: np.ndarray, reach:
 
 def _refine(wall: FittedWall, points: FacePoints, first: WallShape, thickness: Thickness,
             height: float) -> FittedWall:
-    """The wall after one more least-squares fit to points, `first` and `thickness` being what is
-    expected of it."""
+    """The wall after one more least-squares fit; `first` and `thickness` are expected of it."""
     s = SETTINGS
     std = np.append(first.prior_std, thickness.std)
     expected = np.append(first.params, thickness.mean)

@@ -107,8 +107,7 @@ class WallNet(nn.Module):
         return out[:, 0] + s.first_log_ratio, log_scale
 
     def loss(self, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
-        """Laplace's negative log likelihood of crops `x`; `y`: (b,) log of thickness over
-        width."""
+        """Laplace's negative log likelihood of crops `x`; `y`: (b,) logs of the ratios."""
         mean, log_scale = self(x)
         return (torch.abs(y - mean) * torch.exp(-log_scale) + log_scale).mean()
 
@@ -168,8 +167,7 @@ def estimate_thickness(views: Sequence[View], shape: WallShape, height: float, p
 
 
 def outer_width(shape: WallShape) -> float:
-    """Square root of the area within the rim's outer outline, metres: the width that a thickness
-    is a share of."""
+    """Width that a thickness is a share of: root of the area within the rim's outline, metres."""
     return float(np.sqrt(outline_area(shape.ring(0.0, 0.0))))
 
 
@@ -214,7 +212,7 @@ def wall_crop(view: View, shape: WallShape, height: float, plane_z: float) -> np
 
 
 def _channels(view: View, shape: WallShape, height: float, plane_z: float) -> np.ndarray:
-    """(h, w, CHANNELS) float32 of a whole view; the other arguments are those of `wall_crop`."""
+    """(h, w, CHANNELS) float32 of a whole view; arguments are those of `wall_crop`."""
     depth = np.asarray(view.depth)
     reach, width = CROP_SETTINGS.reach, outer_width(shape)
     points = geometry.apply(view.T_world_camera, geometry.unproject(depth, view.intrinsics))

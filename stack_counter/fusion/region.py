@@ -200,8 +200,7 @@ def _points_of(views: Iterable[View]) -> np.ndarray:
 
 
 def _standing_points(points: np.ndarray, region: Region) -> np.ndarray:
-    """Those of (n, 3) world points that stand on the plane: alone by far, or with their
-    neighbours."""
+    """Those of (n, 3) world points that stand on the plane, alone or with their neighbours."""
     s = SETTINGS
     above = points[:, 2] - region.plane_z
     if not len(points):

@@ -18,9 +18,7 @@ class FusedSurface:
     """Casts rays at a mesh, straight down or as a camera sees it."""
 
     def __init__(self, mesh: Mesh):
-        """Args:
-            mesh: world frame; may be empty.
-        """
+        """Prepares the mesh, world frame, for ray casting; it may be empty."""
         self.mesh = mesh
         self._scene = o3d.t.geometry.RaycastingScene()
         self._empty = len(mesh.triangles) == 0
@@ -67,8 +65,10 @@ class FusedSurface:
         return np.where(np.isfinite(hits), hits, 0).astype(np.float32)
 
     def _cast(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """(h, w) float32 lengths of world rays up to the mesh, over their directions' length;
-        infinite where they miss it. One of the arguments may be a single (3,) vector."""
+        """(h, w) float32 lengths of world rays up to the mesh, infinite where they miss it.
+
+        The lengths are multiples of the directions' own. One argument may be a (3,) vector.
+        """
         shape = np.broadcast_shapes(origins.shape, directions.shape)
         rays = np.concatenate([np.broadcast_to(origins, shape),
                                np.broadcast_to(directions, shape)], axis=-1)

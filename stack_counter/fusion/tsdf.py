@@ -137,8 +137,9 @@ class Tsdf:
 
     def forget(self, changed: np.ndarray, depth: np.ndarray, intrinsics: Intrinsics,
                T_world_camera: np.ndarray) -> None:
-        """Clears what was fused along some pixels' rays up to the surface that they show now, so
-        that the next view alone decides it.
+        """Clears what was fused along some pixels' rays, up to the surface that they show now.
+
+        The next view alone decides what is there.
 
         Args:
             changed: (h, w) bool, the pixels whose rays are cleared.

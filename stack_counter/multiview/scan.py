@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from stack_counter import geometry
@@ -111,7 +112,7 @@ def depth_scan(views: list[View], config: ReconstructorConfig) -> StereoScan:
         ScanError: no hull, stereo sees too little of the stack, or no support to say what is up.
         ViewError: reasons `no_color`, `no_labels`.
     """
-    smaller = [geometry.shrink(view, -(-view.intrinsics.width // _MAX_WIDTH)) for view in views]
+    smaller = [scale_down(view, -(-view.intrinsics.width // _MAX_WIDTH)) for view in views]
     refined = refine_poses(smaller)
     hull = carve_visual_hull(refined, max(config.voxel_size, _HULL_VOXEL), config.hull_min_share)
     deep = depth_from_pictures(refined, hull)
@@ -133,3 +134,30 @@ def depth_scan(views: list[View], config: ReconstructorConfig) -> StereoScan:
     turned = replace(hull, middle=geometry.apply(T, hull.middle),
                      surface=geometry.apply(T, hull.surface))
     return StereoScan(upright, turned, geometry.inverse(T))
+
+
+def scale_down(view: View, factor: int) -> View:
+    """Scales the images and the calibration of a view down.
+
+    Args:
+        view: without distortion.
+        factor: how many times smaller; colour is averaged over factor x factor pixels, depth and
+            labels are those of a middle one.
+    """
+    n = factor
+    if n == 1:
+        return view
+    k = view.intrinsics
+    w, h = k.width // n, k.height // n
+    # Pixel centres lie on whole numbers: the middle of the first n is at (n - 1) / 2.
+    intrinsics = replace(k, width=w, height=h, fx=k.fx / n, fy=k.fy / n,
+                         cx=(k.cx - (n - 1) / 2) / n, cy=(k.cy - (n - 1) / 2) / n)
+
+    def middle(image: np.ndarray | None) -> np.ndarray | None:
+        return None if image is None else np.ascontiguousarray(
+            image[n // 2::n, n // 2::n][:h, :w])
+
+    color = view.color if view.color is None else cv2.resize(
+        view.color[:h * n, :w * n], (w, h), interpolation=cv2.INTER_AREA)
+    return replace(view, intrinsics=intrinsics, color=color, depth=middle(view.depth),
+                   labels=middle(view.labels))

@@ -11,6 +11,7 @@ from stack_counter import geometry
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.multiview import visual_hull
 from stack_counter.multiview.plane_sweep import WORST, Picture, aggregate, best_planes, sweep
+from stack_counter.multiview.scan import scale_down
 from stack_counter.multiview.stereo import (
     StereoConfig,
     choose_neighbours,
@@ -88,7 +89,7 @@ def test_views_are_kept_as_they_were(box):
 
 def test_half_the_resolution_keeps_calibration_and_scale():
     views, truth = scan()
-    views = [geometry.shrink(view, 2) for view in views]
+    views = [scale_down(view, 2) for view in views]
     found = depth_from_pictures(views, visual_hull.carve_visual_hull(views, 0.008, 0.5))
     assert found[0].intrinsics.width == 100
     assert found[0].depth.shape == found[0].labels.shape == found[0].color.shape[:2] == (75, 100)
