@@ -184,11 +184,12 @@ def _template(options: argparse.Namespace) -> int:
     bag = require_bag(options.bag)
     from stack_counter.bag.replay import read_scan
     from stack_counter.parts.calibration import history_at_volume
-    from stack_counter.parts.template import scan_template, shipped
+    from stack_counter.parts.template import scan_template
+    from stack_counter.parts.template_model import shipped_template_model
 
     # Measure v, then store it with what was known of the part.
     template = scan_template(read_scan(bag, config), options.pieces, config.reconstructor)
-    v, std = shipped().unit_volume(template)
+    v, std = shipped_template_model().unit_volume(template)
     save_part(Part(v, options.name, std, density=old.density if old else 0.0,
                    counted=history_at_volume(old, v, options.force),
                    note=f"{date.today()} from {options.pieces} pieces in {bag.resolve().name}"),

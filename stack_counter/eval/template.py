@@ -18,7 +18,8 @@ from tqdm import tqdm
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.eval.common import metrics
-from stack_counter.parts.template import scan_template, shipped
+from stack_counter.parts.template import scan_template
+from stack_counter.parts.template_model import shipped_template_model
 from stack_counter.sim import Shape, lay_out_pieces, load_shapes, record
 
 
@@ -91,7 +92,7 @@ def measure_template(shape: Shape, pieces: int, view_count: int) -> TemplateChec
     except StackCounterError as error:
         print(f"{shape.family} {shape.seed}: {error}")
         return TemplateCheck(shape.family, shape.part_size, alike=False, error=None, std=0.0)
-    v, std = shipped().unit_volume(template)
+    v, std = shipped_template_model().unit_volume(template)
     return TemplateCheck(shape.family, shape.part_size, template.alike,
                          error=v / shape.unit_volume - 1, std=std / v)
 

@@ -13,7 +13,7 @@ from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError, PartError
 from stack_counter.files import config_path, edit_yaml_entry, parse_yaml, write_atomically
 from stack_counter.parts.counted_scan import CountedScan
-from stack_counter.parts.gamma_model import PartModels, read_models
+from stack_counter.parts.part_models import PartModels, read_models
 
 MOST_FRICTION = 2.0
 _NEW_CATALOGUE = """\

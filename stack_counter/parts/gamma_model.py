@@ -16,24 +16,17 @@ piles and the counted scans are joined by their variances.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from stack_counter.errors import PartError, ScanError
-from stack_counter.files import write_atomically
+from stack_counter.errors import ScanError
 from stack_counter.types import StackVolume
 
 FEATURES = 3
-FORMAT = "stack_counter part model 1"
-_SCAN_KINDS = ("arc", "one_side")
-_SHAPES = {"coefficients": (2, FEATURES), "shared": (2 * FEATURES,) * 2, "noise": (2, 2),
-           "least": (2,), "friction": (2,)}
 
 
 @dataclass(frozen=True)
@@ -218,71 +211,6 @@ class GammaModel:
         """Relative change of gamma where the container is taken to be 10% too wide."""
         too_wide, right = self.gamma_at(height, 1.1 * width)[0], self.gamma_at(height, width)[0]
         return too_wide / right - 1
-
-
-@dataclass(frozen=True)
-class PartModels:
-    """A part's models of gamma, one for each kind of scan.
-
-    Attributes:
-        estimator: name of the estimator that gave `Reading.log_gamma_estimated`.
-        arc: for scans with views from around.
-        one_side: for single views from above.
-        made: text for people that names what they were fitted to.
-    """
-
-    estimator: str
-    arc: GammaModel
-    one_side: GammaModel
-    made: str
-
-    def write(self, path: Path) -> None:
-        """Writes the models as JSON.
-
-        Raises:
-            OSError: the file cannot be written.
-        """
-        document = {"format": FORMAT, "estimator": self.estimator, "made": self.made,
-                    **{kind: _as_lists(getattr(self, kind)) for kind in _SCAN_KINDS}}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, json.dumps(document) + "\n")
-
-
-def read_models(path: Path) -> PartModels:
-    """Reads what `PartModels.write` wrote.
-
-    Raises:
-        PartError: the file is missing, or no such file.
-    """
-    try:
-        document = json.loads(path.read_text())
-        if document["format"] != FORMAT:
-            raise ValueError(f"format '{document['format']}' (not '{FORMAT}')")
-        arc, one_side = (_model_of(document[kind]) for kind in _SCAN_KINDS)
-        return PartModels(str(document["estimator"]), arc, one_side, str(document["made"]))
-    except OSError as error:
-        raise PartError(f"no gamma prior {path}: {error.strerror}; expected the file that "
-                        "`stack-counter part add` writes") from error
-    except (KeyError, TypeError, ValueError) as error:
-        raise PartError(f"{path} is no gamma prior: {error}; expected the file that "
-                        "`stack-counter part add` writes") from error
-
-
-def _model_of(values: dict) -> GammaModel:
-    arrays = {key: np.array(values[key], float) for key in (*_SHAPES, "scores")}
-    for key, shape in _SHAPES.items():
-        if arrays[key].shape != shape:
-            raise ValueError(f"{key} of shape {arrays[key].shape} (not {shape})")
-    if not arrays["scores"].size:
-        raise ValueError("no scores")
-    return GammaModel(volume_variance=float(values["volume_variance"]),
-                      source=str(values["source"]), **arrays)
-
-
-def _as_lists(model: GammaModel) -> dict:
-    """Fields of a model with arrays as lists of six digits."""
-    return {key: np.array([float(f"{x:.6g}") for x in value.ravel()]).reshape(value.shape).tolist()
-            if isinstance(value, np.ndarray) else value for key, value in asdict(model).items()}
 
 
 def fill_features(height: np.ndarray, width: np.ndarray) -> np.ndarray:

@@ -14,7 +14,8 @@ from stack_counter.files import shipped_weights
 from stack_counter.occupancy.baselines import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import scans_of_same_rig
-from stack_counter.parts.gamma_model import PartModels, Reading, fill_size, read_models
+from stack_counter.parts.gamma_model import Reading, fill_size
+from stack_counter.parts.part_models import PartModels, read_models
 from stack_counter.types import OccupancyEstimate, Reason, StackVolume
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from stack_counter.occupancy.baselines import make_estimator
 from stack_counter.occupancy.gamma_net import save_tuning, tuned_name
 from stack_counter.parts.calibration import history_at_volume
 from stack_counter.parts.catalogue import Part, find_part, save_part
-from stack_counter.parts.gamma_model import PartModels
+from stack_counter.parts.part_models import PartModels
 from stack_counter.sim import FRICTION, ShapeError, shape_from_mesh
 from stack_counter.teaching.model_fit import fit_model
 from stack_counter.teaching.part_mesh import PartMesh

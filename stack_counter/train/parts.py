@@ -24,13 +24,8 @@ from scipy.optimize import minimize
 from stack_counter.occupancy.gamma_net import load_members
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
 from stack_counter.occupancy.network import TrainingDomain
-from stack_counter.parts.gamma_model import (
-    FEATURES,
-    GammaModel,
-    PartModels,
-    Reading,
-    fill_features,
-)
+from stack_counter.parts.gamma_model import FEATURES, GammaModel, Reading, fill_features
+from stack_counter.parts.part_models import PartModels
 from stack_counter.sim import SCENES_PER_RIG
 from stack_counter.train.calibrate import Residual, center_of, residuals
 from stack_counter.train.data.batches import fold_of

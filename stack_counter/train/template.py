@@ -20,13 +20,13 @@ from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
-from stack_counter.parts.template import (
+from stack_counter.parts.template import scan_template
+from stack_counter.parts.template_model import (
     FORMAT,
     Template,
     TemplateModel,
-    polynomial,
+    polynomial_features,
     relative_std,
-    scan_template,
 )
 from stack_counter.sim import lay_out_pieces, make_shape, record
 
@@ -65,7 +65,7 @@ def fit(examples: list[Example], penalty: float) -> TemplateModel:
     """Ridge regression; the constant is free. Its `std` is not set."""
     raw = np.array([e.template.features for e in examples])
     mean, scale = raw.mean(axis=0), raw.std(axis=0) + 1e-6
-    x = np.array([polynomial((row - mean) / scale) for row in raw])
+    x = np.array([polynomial_features((row - mean) / scale) for row in raw])
     y = np.array([np.log(e.unit_volume / e.template.carved.min()) for e in examples])
     ridge = penalty * np.diag([0.0] + [1.0] * (x.shape[1] - 1))
     weights = np.linalg.solve(x.T @ x + ridge, x.T @ y)

@@ -12,7 +12,7 @@ from kits.command import run
 from kits.known_parts import COUNTED, gamma_model
 
 from stack_counter.parts.catalogue import Part, load_parts, save_part
-from stack_counter.parts.gamma_model import PartModels
+from stack_counter.parts.part_models import PartModels
 
 BLOCK = trimesh.creation.box((30.0, 20.0, 20.0))
 

@@ -9,7 +9,7 @@ from kits.known_parts import ConstantEstimator, gamma_model, stack_volume_of_box
 
 from stack_counter.eval.common.part_table import ROWS, format_table
 from stack_counter.eval.parts import CachedEstimator, count_all_ways, group_by_rig
-from stack_counter.parts.gamma_model import PartModels
+from stack_counter.parts.part_models import PartModels
 from stack_counter.sim import read_scenes
 
 DATA = Path(__file__).parents[2] / "data" / "unseen-rigs"

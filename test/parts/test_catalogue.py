@@ -8,7 +8,7 @@ from kits.known_parts import COUNTED, gamma_model
 
 from stack_counter.errors import ConfigError, PartError
 from stack_counter.parts.catalogue import Part, load_parts, remove_part, resolve_part, save_part
-from stack_counter.parts.gamma_model import PartModels
+from stack_counter.parts.part_models import PartModels
 
 
 def test_a_part_survives_the_file(tmp_path):

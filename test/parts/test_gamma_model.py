@@ -7,13 +7,8 @@ import pytest
 from kits.known_parts import gamma_model, gamma_model_with_signal
 
 from stack_counter.errors import PartError, ScanError
-from stack_counter.parts.gamma_model import (
-    PartModels,
-    Reading,
-    fill_features,
-    fill_size,
-    read_models,
-)
+from stack_counter.parts.gamma_model import Reading, fill_features, fill_size
+from stack_counter.parts.part_models import PartModels, read_models
 from stack_counter.types import Container, HeightMap, StackVolume, ViewTally
 
 SCAN = Reading(3.0, 6.0, np.log(0.5))

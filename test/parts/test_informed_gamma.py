@@ -19,8 +19,8 @@ from stack_counter.errors import PartError
 from stack_counter.parts.calibration import calibrate, count_from_weight
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import scans_of_same_rig
-from stack_counter.parts.gamma_model import PartModels
 from stack_counter.parts.informed_gamma import estimate_occupancy
+from stack_counter.parts.part_models import PartModels
 from stack_counter.pipeline import count_stack
 
 

@@ -7,7 +7,8 @@ import pytest
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
-from stack_counter.parts.template import Template, scan_template, shipped
+from stack_counter.parts.template import scan_template
+from stack_counter.parts.template_model import Template, shipped_template_model
 from stack_counter.sim import record
 from stack_counter.sim.physics.table import lay_out_pieces, rest_rotations
 from stack_counter.sim.shapes import make_shape
@@ -34,7 +35,7 @@ def test_pieces_lie_apart_and_each_in_a_rest_pose():
 
 def test_v_of_a_part_in_several_poses():
     template = scan(BRACKET, 6)
-    v, std = shipped().unit_volume(template)
+    v, std = shipped_template_model().unit_volume(template)
     assert template.carved.shape == (6,) and template.carved.min() > 0.7 * BRACKET.unit_volume
     assert abs(v / BRACKET.unit_volume - 1) < max(3 * std / v, 0.1)
     assert 0.01 < std / v < 0.3
@@ -42,7 +43,8 @@ def test_v_of_a_part_in_several_poses():
 
 def test_more_pieces_leave_less_unknown():
     features = scan(BRACKET, 3).features
-    one, six = (shipped().unit_volume(Template(np.full(n, 1e-5), features)) for n in (1, 6))
+    model = shipped_template_model()
+    one, six = (model.unit_volume(Template(np.full(n, 1e-5), features)) for n in (1, 6))
     assert one[0] == six[0] and one[1] >= six[1]
 
 
