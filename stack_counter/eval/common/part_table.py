@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stack_counter.eval.common import metrics
-from stack_counter.parts.gamma_model import PartModels
+from stack_counter.parts.part_models import PartModels
 from stack_counter.sim import Scene
 from stack_counter.types import Reason
 

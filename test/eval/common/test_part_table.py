@@ -12,7 +12,7 @@ from stack_counter.eval.common.part_table import (
     format_sensitivity,
     format_table,
 )
-from stack_counter.parts.gamma_model import PartModels
+from stack_counter.parts.part_models import PartModels
 
 RIG = Rig(0, "knob", 3, "bin", 0.4, [])
 
