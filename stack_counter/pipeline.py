@@ -97,12 +97,12 @@ class StackCounter:
         if self._scan is None or len(self.views) < needed:
             raise ScanError(f"{len(self.views)} views used of {self._received} (skipped: "
                             f"{dict(self._skipped)}); expected at least {needed}")
-        with self._stages("segment"):
-            self._scan.label(self._labels)  # 4. Label images from prompts, if any.
         with self._stages("finish"):
+            with self._stages("segment"):
+                self._scan.label(self._labels)  # 4. Label images from prompts, if any.
             volume = self._scan.measure(self._taught_container)  # 5. The container, then V.
-        with self._stages("segment"):
-            key_view = self._scan.key_view()  # 6. What the network may read.
+            with self._stages("segment"):
+                key_view = self._scan.key_view()  # 6. What the network may read.
         self.coverage = volume.coverage
         return replace(volume, key_view=key_view, views=self.tally, seconds=self._stages.seconds)
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,7 @@ class BagViews:
     Attributes:
         reader: of the bag.
         assembler: of the cameras; its tally counts images received, used and skipped.
+        reading_s: time spent so far on reading messages and making views of them, seconds.
     """
 
     def __init__(self, path: Path, collector: CollectorConfig):
@@ -41,9 +43,18 @@ class BagViews:
         self.reader = BagReader(path)
         self.assembler = RigAssembler(fit_rig_to_bag(load_rig(collector), self.reader.topics),
                                       live=False)
+        self.reading_s = 0.0
 
     def __iter__(self) -> Iterator[tuple[str, View]]:
-        return read_views(self.reader, self.assembler)
+        """Yields the views with their cameras' names, and adds up the time it takes."""
+        views = read_views(self.reader, self.assembler)
+        while True:
+            begin = time.perf_counter()
+            view = next(views, None)
+            self.reading_s += time.perf_counter() - begin
+            if view is None:
+                return
+            yield view
 
 
 def fit_camera_to_bag(config: CollectorConfig, topics: dict[str, tuple[str, int]]

@@ -113,15 +113,13 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
     bag = BagViews(path, config.collector)
     volume = measure_scan(stack, bag, after_view, rate)
 
-    # Count, and tell apart where the time went.
+    # Count, and add where the time went.
     count = count_stack(volume, part, estimator, confidence)
     if bag.reader.truncated:
         count = with_reasons(count, Reason.BAG_TRUNCATED)
-    total = time.perf_counter() - begin
-    spent = sum(count.seconds.values())
     return Replayed(replace(count, seconds={
-        **count.seconds, "load": loaded - begin, "read": total - spent - (loaded - begin),
-        "total": total}), counts)
+        **count.seconds, "load": loaded - begin, "read": bag.reading_s,
+        "total": time.perf_counter() - begin}), counts)
 
 
 def measure_bag(path: Path, config: Config, unit_volume: float = 0.0,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Seconds that a scan spends in each stage; no stage lies within another."""
+"""Seconds that a scan spends in each stage; a stage may lie within another."""
 
 from __future__ import annotations
 
