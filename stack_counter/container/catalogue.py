@@ -101,7 +101,7 @@ def configured_container(config: ReconstructorConfig) -> TaughtContainer | None:
 
     Raises:
         ConfigError: the catalogue is missing or malformed, or does not hold it, or another
-            setting says something else about the container.
+            setting contradicts it.
     """
     if not config.container:
         return None

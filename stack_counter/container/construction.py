@@ -110,7 +110,7 @@ def container_of_fit(shape: WallShape, thickness: float, height: float, region: 
     if size[0] and isinstance(shape, RoundWall):
         shape = RoundWall(np.array([*shape.params[:2], size[0] / 2 + thickness,
                                     *shape.params[3:]]))
-    # Floor, as thick as the wall where nothing says it, and depth.
+    # Floor, as thick as the wall where it is not configured, and depth.
     floor = config.container_floor_m or thickness
     if size[2]:
         floor = config.container_floor_m or max(height - size[2], 0.0)

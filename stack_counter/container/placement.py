@@ -118,7 +118,7 @@ def place_container(taught: TaughtContainer, surface: FusedSurface, views: list[
         taught: its shape and sizes.
         surface: fused from the views.
         views: with depth.
-        region: where to look. The support plane is taken to lie where the rim's height says, as
+        region: where to look. The support plane is taken to lie where the rim's height puts it, as
             that is how the floor below the stack stands to the surface above it.
         voxel_size: metres.
         config: `container_pose`, and with it `container_xyyaw`; `container` names it in errors.

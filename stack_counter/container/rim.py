@@ -219,15 +219,15 @@ def _outermost_points(ring: np.ndarray, pitch: float) -> tuple[np.ndarray, np.nd
     rows, cols = np.nonzero(ring)
     cells = np.stack([cols + 0.5, rows + 0.5], axis=1) * pitch
     center = np.array(cv2.minAreaRect(cells.astype(np.float32))[0])
-    away = cells - center
-    r = np.linalg.norm(away, axis=1)
-    turn = np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) % 1
+    offsets = cells - center
+    r = np.linalg.norm(offsets, axis=1)
+    turn = np.arctan2(offsets[:, 1], offsets[:, 0]) / (2 * np.pi) % 1
     sector = (turn * SETTINGS.sectors).astype(int) % SETTINGS.sectors
     # The farthest cell of each sector, and its outer edge.
     order = np.lexsort((-r, sector))
     _, first = np.unique(sector[order], return_index=True)
     last = order[first]
-    outer = away[last] * (1 + pitch / 2 / np.maximum(r[last], pitch))[:, None]
+    outer = offsets[last] * (1 + pitch / 2 / np.maximum(r[last], pitch))[:, None]
     return center + outer, center
 
 
@@ -235,8 +235,8 @@ def _first_guesses(points: RimPoints, kind: str) -> list[WallShape]:
     """Shapes near the rim, from the simplest to the richest: of one kind, or all for `auto`."""
     s = SETTINGS
     (x, y), size, degrees = cv2.minAreaRect(points.xy.astype(np.float32))
-    away = points.xy - points.center
-    r, angle = np.linalg.norm(away, axis=1), np.arctan2(away[:, 1], away[:, 0])
+    offsets = points.xy - points.center
+    r, angle = np.linalg.norm(offsets, axis=1), np.arctan2(offsets[:, 1], offsets[:, 0])
     # Fourier coefficients of the radius; a ridge keeps sectors without points from swinging.
     orders = SHAPE_SETTINGS.radius_orders
     basis = fourier_basis(angle, orders)

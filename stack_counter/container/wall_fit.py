@@ -211,8 +211,8 @@ def fit_wall(shape: WallShape, points: FacePoints, height: float, thickness: Thi
 def _cell_indices(shape: WallShape, points: FacePoints, height: float) -> np.ndarray:
     """(n,) index of the cell of the wall that each point lies in: sector, face and slab."""
     s = SETTINGS
-    away = points.xy - shape.center
-    turn = np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) % 1
+    offsets = points.xy - shape.center
+    turn = np.arctan2(offsets[:, 1], offsets[:, 0]) / (2 * np.pi) % 1
     sector = np.minimum((turn * s.sectors).astype(int), s.sectors - 1)
     slab = np.clip((points.below / height * s.slabs).astype(int), 0, s.slabs - 1)
     return (sector * 2 + points.inner) * s.slabs + slab

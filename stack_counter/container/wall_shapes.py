@@ -251,10 +251,10 @@ class FreeWall(WallShape):
 
     @override
     def depth_inside(self, xy: np.ndarray, below: np.ndarray) -> np.ndarray:
-        away = xy - self.origin
-        angle = np.arctan2(away[:, 1], away[:, 0])
+        offsets = xy - self.origin
+        angle = np.arctan2(offsets[:, 1], offsets[:, 0])
         rim, lean, cosine = (np.interp(angle, _ANGLES, table) for table in self._tables())
-        return (self._radius(rim, lean, below) - np.linalg.norm(away, axis=1)) * cosine
+        return (self._radius(rim, lean, below) - np.linalg.norm(offsets, axis=1)) * cosine
 
     @override
     def outward_normals(self, xy: np.ndarray) -> np.ndarray:
@@ -280,6 +280,6 @@ class FreeWall(WallShape):
         return FreeWall(self.params, np.zeros(2))
 
 
-def _unit_vectors(away: np.ndarray) -> np.ndarray:
+def _unit_vectors(offsets: np.ndarray) -> np.ndarray:
     """(n, 2) directions of vectors; zero for those without length."""
-    return away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+    return offsets / np.maximum(np.linalg.norm(offsets, axis=1, keepdims=True), 1e-9)

@@ -166,9 +166,11 @@ def find_pieces(views: list[View], config: ReconstructorConfig) -> Region:
 
 def seen_from_one_side(views: list[View], region: Region) -> bool:
     """Whether the directions from the region's middle to all cameras are nearly the same."""
-    away = np.array([v.T_world_camera[:3, 3] for v in views]) - (region.low + region.high) / 2
-    away /= np.linalg.norm(away, axis=1)[:, None]
-    return bool(np.arccos(np.clip(away @ away[0], -1, 1)).max() < SETTINGS.one_side_angle)
+    middle = (region.low + region.high) / 2
+    directions = np.array([v.T_world_camera[:3, 3] for v in views]) - middle
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    angles = np.arccos(np.clip(directions @ directions[0], -1, 1))
+    return bool(angles.max() < SETTINGS.one_side_angle)
 
 
 def crop_to_region(view: View, region: Region) -> View:

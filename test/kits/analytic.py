@@ -15,24 +15,31 @@ CAMERA = Intrinsics(640, 480, 610.0, 610.0, 319.5, 239.5)
 class Scene:
     """Convex solids on the plane z = 0; boxes may be turned about z."""
 
-    def __init__(self, plane: bool = True):
-        self._hits = [_plane] if plane else []
+    def __init__(self, plane=True):
+        """An empty scene, with the plane or without.
+
+        Every solid is a function of (3,) an origin and (h, w, 3) directions that gives the (h, w)
+        lengths of the rays up to it, infinite where they miss it.
+        """
+        self._solids = [_plane_distance] if plane else []
 
     def box(self, center, size, yaw=0.0):
         """Adds a box: centre and size in metres, yaw in radians."""
         c, s = np.cos(yaw), np.sin(yaw)
-        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-        self._hits.append(lambda o, d: _box((o - center) @ turn, d @ turn, np.array(size) / 2))
+        rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        half = np.array(size) / 2
+        self._solids.append(
+            lambda o, d: _box_distance((o - center) @ rotation, d @ rotation, half))
         return self
 
     def cylinder(self, x, y, radius, height):
         """Adds an upright cylinder that stands on z = 0."""
-        self._hits.append(lambda o, d: _cylinder(o - [x, y, 0], d, radius, height))
+        self._solids.append(lambda o, d: _cylinder_distance(o - [x, y, 0], d, radius, height))
         return self
 
     def sphere(self, center, radius):
         """Adds a ball."""
-        self._hits.append(lambda o, d: _sphere(o - np.array(center), d, radius))
+        self._solids.append(lambda o, d: _sphere_distance(o - np.array(center), d, radius))
         return self
 
     def mesh(self, mesh):
@@ -40,10 +47,10 @@ class Scene:
         scene = o3d.t.geometry.RaycastingScene()
         scene.add_triangles(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
 
-        def hit(origin, directions):
+        def distance(origin, directions):
             rays = np.concatenate([np.broadcast_to(origin, directions.shape), directions], -1)
             return scene.cast_rays(rays.astype(np.float32))["t_hit"].numpy().astype(float)
-        self._hits.append(hit)
+        self._solids.append(distance)
         return self
 
     def filled(self, container, level):
@@ -53,10 +60,12 @@ class Scene:
             Its volume between the floor and that level, m3.
         """
         rings = container.inner_rings
+        # Integrate the area of the outlines over the height.
         zs = np.linspace(rings[0, 0, 2], rings[0, 0, 2] + level, 50)
-        outlines = np.stack([_between(rings, z) for z in zs])
+        outlines = np.stack([_outline_at(rings, z) for z in zs])
         x, y = outlines[..., 0], outlines[..., 1]
         areas = np.sum(x * np.roll(y, -1, 1) - np.roll(x, -1, 1) * y, axis=1) / 2
+        # Close the filling with a fan of triangles.
         top = np.concatenate([outlines[-1], outlines[-1].mean(axis=0)[None]])
         n = len(outlines[-1])
         fan = np.stack([np.arange(n), np.roll(np.arange(n), -1), np.full(n, n)], axis=1)
@@ -84,38 +93,39 @@ class Scene:
         """Depth view; `noise` is the standard deviation in metres."""
         rays = geometry.pixel_rays(camera, dtype=np.float64)
         directions = rays @ T_world_camera[:3, :3].T
-        t = np.min([hit(T_world_camera[:3, 3], directions) for hit in self._hits], axis=0)
-        depth = np.where(np.isfinite(t), t, 0)
+        nearest = np.min([distance(T_world_camera[:3, 3], directions)
+                          for distance in self._solids], axis=0)
+        depth = np.where(np.isfinite(nearest), nearest, 0)
         if noise:
-            depth = depth + np.random.default_rng(seed).normal(0, noise, t.shape)
+            depth = depth + np.random.default_rng(seed).normal(0, noise, depth.shape)
         return View(stamp_ns, camera, T_world_camera, depth=depth.astype(np.float32))
 
-    def views(self, count=12, radius=0.6, center=(0, 0, 0.05), tilts=(20, 40), **how):
+    def views(self, count=12, radius=0.6, center=(0, 0, 0.05), tilts=(20, 40), **view_options):
         """Views from a ring of poses that look at the centre; tilts in degrees from vertical."""
         views = []
         for i in range(count):
-            turn, tilt = 2 * np.pi * i / count, np.deg2rad(tilts[i % len(tilts)])
+            azimuth, tilt = 2 * np.pi * i / count, np.deg2rad(tilts[i % len(tilts)])
             eye = np.array(center) + radius * np.array(
-                [np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+                [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)])
             T = geometry.look_at(eye, np.array(center, float))
-            views.append(self.view(T, stamp_ns=i * 10**9, seed=i, **how))
+            views.append(self.view(T, stamp_ns=i * 10**9, seed=i, **view_options))
         return views
 
 
-def _between(rings, z):
+def _outline_at(rings, z):
     """(n, 3) outline of a container at a height."""
     i = int(np.clip(np.searchsorted(rings[:, 0, 2], z), 1, len(rings) - 1))
     low, high = rings[i - 1, 0, 2], rings[i, 0, 2]
     return rings[i - 1] + (rings[i] - rings[i - 1]) * (z - low) / (high - low)
 
 
-def _plane(origin, directions):
+def _plane_distance(origin, directions):
     with np.errstate(divide="ignore"):
         t = -origin[2] / directions[..., 2]
     return np.where(t > 0, t, np.inf)
 
 
-def _box(origin, directions, half):
+def _box_distance(origin, directions, half):
     with np.errstate(divide="ignore", invalid="ignore"):
         a, b = (-half - origin) / directions, (half - origin) / directions
     near = np.nanmax(np.minimum(a, b), axis=-1)
@@ -123,7 +133,7 @@ def _box(origin, directions, half):
     return np.where((near <= far) & (near > 0), near, np.inf)
 
 
-def _cylinder(origin, directions, radius, height):
+def _cylinder_distance(origin, directions, radius, height):
     a = directions[..., 0]**2 + directions[..., 1]**2
     b = directions[..., 0] * origin[0] + directions[..., 1] * origin[1]
     c = origin[0]**2 + origin[1]**2 - radius**2
@@ -138,7 +148,7 @@ def _cylinder(origin, directions, radius, height):
     return np.fmin(side, top)
 
 
-def _sphere(origin, directions, radius):
+def _sphere_distance(origin, directions, radius):
     a = np.sum(directions**2, axis=-1)
     b = directions @ origin
     with np.errstate(invalid="ignore"):
