@@ -93,7 +93,9 @@ def read_volume_model(path: Path) -> VolumeModel:
     file_format = content.get("format") if isinstance(content, dict) else type(content).__name__
     if file_format != FORMAT:
         raise WeightsError(f"{path} is '{file_format}'; expected '{FORMAT}'")
-    numbers = content.get("numbers", {})
+    numbers = content.get("numbers")
+    if not isinstance(numbers, dict):
+        numbers = {}
     return VolumeModel(**{f.name: _number(path, numbers, f.name) for f in fields(VolumeModel)})
 
 
