@@ -15,7 +15,11 @@ from stack_counter.types import HeightMap, Intrinsics, Mesh
 
 
 class FusedSurface:
-    """Casts rays at a mesh, straight down or as a camera sees it."""
+    """Casts rays at a mesh, straight down or as a camera sees it.
+
+    Attributes:
+        mesh: as given, world frame.
+    """
 
     def __init__(self, mesh: Mesh):
         """Prepares the mesh, world frame, for ray casting; it may be empty."""
