@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes catalogue fasteners and bearings of the unseen test set as STL files, in millimetres.
 
 Runs in an environment of its own, as its CAD kernel clashes with this project's packages:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes compound parts of 15 to 45 mm as a library for `stack-counter simulate`.
 
     python scripts/compound_shapes.py OUT.npz [PARTS_PER_FAMILY [FIRST]]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joins the three origins of the unseen test set into `data/unseen/shapes.npz`.
 
     python scripts/join_unseen_shapes.py FOLDER

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Picks objects of published packages for the unseen test set and writes them as STL files.
 
     pip download --no-deps -d WHEELS pybullet==3.2.7 metaworld==3.1.1

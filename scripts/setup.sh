@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Makes .venv at the repository root: interpreter, dependencies, messages, this package.
 #
 # Run by `make setup`. Each step is done again only when what it reads has changed. One line for

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes sparse parts, wire frames of 15 to 45 mm, as a library for `stack-counter simulate`.
 
     python scripts/sparse_shapes.py OUT.npz [PARTS_PER_FAMILY]

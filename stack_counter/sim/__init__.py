@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated piles of parts with their true count, and recordings of them.
 
     for scene in read_scenes(folder):             # made by `stack-counter simulate`

@@ -21,7 +21,12 @@ from stack_counter.parts.part_models import PartModels
 from stack_counter.sim import FRICTION, ShapeError, shape_from_mesh
 from stack_counter.teaching.model_fit import fit_model
 from stack_counter.teaching.part_mesh import PartMesh
-from stack_counter.teaching.simulated_piles import Pile, PileRequest, rig_container, simulate_piles
+from stack_counter.teaching.simulated_piles import (
+    Pile,
+    PileRequest,
+    make_rig_container,
+    simulate_piles,
+)
 from stack_counter.teaching.tuning import Tuning, tune
 
 
@@ -137,7 +142,8 @@ def make_pile_request(vertices: np.ndarray, faces: np.ndarray, config: Config,
     if tune and (config.counter.estimator != "network" or config.counter.encoder_weights):
         raise PartError(f"the estimator is '{config.counter.estimator}' with encoder_weights "
                         f"'{config.counter.encoder_weights}'; expected 'network' without, to tune")
-    return PileRequest(shape, rig_container(config.reconstructor), friction, config.counter, tune)
+    return PileRequest(shape, make_rig_container(config.reconstructor), friction, config.counter,
+                       keep_last_layer_input=tune)
 
 
 def simulate_part_piles(request: PileRequest, count: int, workers: int,

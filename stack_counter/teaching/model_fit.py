@@ -1,9 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
 """A part's gamma from its simulated piles: two regressions, and what they leave."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,105 +12,161 @@ from stack_counter.errors import PartError
 from stack_counter.parts.gamma_model import FEATURES, GammaModel, fill_features
 from stack_counter.teaching.simulated_piles import PileScan
 
-_LEAST_PILES = 24  # of some eight numbers to find
 # What all scans of a rig have in common of log V's error, by its container's walls and floor:
 # covariance of the coefficients of 1 and 1 / (h + 1/2) on training rigs, seen from around and from
 # one side (`python -m stack_counter.train.parts` prints them).
-OF_THE_RIG = {"around": np.array([[0.00107, -0.00131], [-0.00131, 0.00319]]),
-              "one side": np.array([[0.00541, -0.00852], [-0.00852, 0.01960]])}
-# Variance of log gamma by the form of the container, which one rig has but one of. Chosen on six
-# training rigs, by the error and the coverage after one and three counted bins.
-_OF_THE_FORM = 0.001
-_LEAST_OWN = 0.5  # of the noise of piles that the network does not hear, what is new in each scan
-_FAR = 4.0  # median absolute deviations; farther off, the scan has missed its container
+RIG_COVARIANCES = {"around": np.array([[0.00107, -0.00131], [-0.00131, 0.00319]]),
+                   "one side": np.array([[0.00541, -0.00852], [-0.00852, 0.01960]])}
 
 
-def fit_model(piles: Sequence[PileScan], seen: str = "around") -> GammaModel:
-    """Fits the Gaussian of `part_model` to piles of known friction, `seen` as `OF_THE_RIG` says.
+@dataclass(frozen=True)
+class ModelFitSettings:
+    """How a part's model is fitted.
+
+    Attributes:
+        min_piles: fewest piles, for some eight numbers to find; chosen.
+        container_variance: variance of log gamma by the form of the container, which one rig has
+            but one of. Chosen on six training rigs, by the error and the coverage after one and
+            three counted bins.
+        min_own_share: least share that is new in each scan, of the piles' noise that the network
+            does not explain; chosen.
+        max_deviation: a pile is an outlier, whose scan has missed its container, beyond so many
+            standard deviations by the median absolute deviation; chosen.
+        outlier_rounds: rounds in which outliers are found; chosen.
+        ridge: added to the diagonal of the features' products; chosen.
+    """
+
+    min_piles: int = 24
+    container_variance: float = 0.001
+    min_own_share: float = 0.5
+    max_deviation: float = 4.0
+    outlier_rounds: int = 3
+    ridge: float = 1e-4
+
+
+SETTINGS = ModelFitSettings()
+# Standard deviation of a Gaussian over its median absolute deviation.
+_MAD_TO_STD = 1.4826
+
+
+@dataclass(frozen=True, eq=False)
+class _Regression:
+    """A linear regression of log gamma, counted and estimated, on k features.
+
+    Attributes:
+        coefficients: (2, k).
+        noise: (2, 2) covariance of the residuals.
+        inverse: (k, k); times a residual variance, the covariance of the coefficients.
+    """
+
+    coefficients: np.ndarray
+    noise: np.ndarray
+    inverse: np.ndarray
+
+
+def fit_model(piles: Sequence[PileScan], viewpoint: str = "around") -> GammaModel:
+    """Fits the Gaussian of `gamma_model` to piles of known friction.
 
     What the scans of a rig share is the friction of its parts, uniform over the piles' range, how
     wrong its container is taken to be, and what the piles leave unknown of the coefficients.
 
+    Args:
+        piles: scans of simulated piles.
+        viewpoint: from where they were scanned, a key of `RIG_COVARIANCES`.
+
     Raises:
         PartError: too few piles.
     """
-    if len(piles) < _LEAST_PILES:
-        raise PartError(f"{len(piles)} piles gave a scan; expected at least {_LEAST_PILES}")
-    kept = _kept(*_arrays(piles))
-    usual = [piles[i] for i in kept]
-    models = [_fitted([p for p in usual if p is not left], seen) for left in usual]
-    every = _fitted(usual, seen)
-    scores = [_score(models[kept.index(i)] if i in kept else every, pile)
+    if len(piles) < SETTINGS.min_piles:
+        raise PartError(f"{len(piles)} piles gave a scan; expected at least {SETTINGS.min_piles}")
+    # One model of all piles but outliers, and one without each
+    kept = _find_inliers(*_regression_data(piles))
+    inliers = [piles[i] for i in kept]
+    without_one = [_fit_gaussian([p for p in inliers if p is not left_out], viewpoint)
+                   for left_out in inliers]
+    model = _fit_gaussian(inliers, viewpoint)
+    # Conformal scores of all piles, each by a model that was fitted without it
+    scores = [_conformal_score(without_one[kept.index(i)] if i in kept else model, pile)
               for i, pile in enumerate(piles)]
-    return replace(every, scores=np.sort(scores))
+    return replace(model, scores=np.sort(scores))
 
 
-def left_out_error(piles: Sequence[PileScan], seen: str) -> float:
-    """Mean squared error of log gamma, each pile by a model that has not seen it; those far off
-    are left out."""
-    usual = [piles[i] for i in _kept(*_arrays(piles))]
-    misses = []
-    for left in usual:
-        model = _fitted([p for p in usual if p is not left], seen)
-        misses.append(left.reading.log_gamma_counted
-                      - model.posterior(replace(left.reading, log_gamma_counted=np.nan)).mean)
-    return float(np.mean(np.square(misses)))
+def left_out_error(piles: Sequence[PileScan], viewpoint: str) -> float:
+    """Mean squared error of log gamma, each pile by a model fitted without it; outliers are left
+    out."""
+    inliers = [piles[i] for i in _find_inliers(*_regression_data(piles))]
+    errors = []
+    for left_out in inliers:
+        model = _fit_gaussian([p for p in inliers if p is not left_out], viewpoint)
+        uncounted = replace(left_out.reading, log_gamma_counted=np.nan)
+        errors.append(left_out.reading.log_gamma_counted - model.posterior(uncounted).mean)
+    return float(np.mean(np.square(errors)))
 
 
-def _fitted(piles: Sequence[PileScan], seen: str) -> GammaModel:
-    x, values = _arrays(piles)
-    coefficients, noise, doubt = _regression(x, values)
-    per_friction = coefficients[:, FEATURES]
-    of_friction = np.zeros((2, FEATURES))
-    of_friction[:, 0] = per_friction
-    variance = np.ptp([p.friction for p in piles]) ** 2 / 12
-    shared = np.kron(noise, doubt[:FEATURES, :FEATURES]) \
-        + variance * np.outer(of_friction, of_friction)
-    volume = float(np.mean([p.volume_std**2 for p in piles]))
-    of_rig, common = OF_THE_RIG[seen] + np.diag([_OF_THE_FORM, 0.0]), x[:, :2]
-    mean = float(np.mean(np.sum(common @ of_rig * common, axis=1)))
-    unheard = noise[0, 0] - noise[0, 1] ** 2 / noise[1, 1]  # by the network, as V's error is
-    share = min(1.0, (1 - _LEAST_OWN) * unheard / mean)
-    shared[:2, :2] += share * of_rig
-    noise = noise - np.diag([share * mean, 0.0])
-    least = np.array([min(p.reading.height for p in piles), min(p.reading.width for p in piles)])
-    return GammaModel(coefficients[:, :FEATURES], shared, noise, volume, np.zeros(1), least,
-                      per_friction, "piles")
+def _fit_gaussian(piles: Sequence[PileScan], viewpoint: str) -> GammaModel:
+    """The model of piles, without its scores."""
+    features, values = _regression_data(piles)
+    fit = _fit_regression(features, values)
+    # Shared by a rig's scans: uncertain coefficients, and friction uniform over its range
+    per_friction = fit.coefficients[:, FEATURES]
+    friction_direction = np.zeros((2, FEATURES))
+    friction_direction[:, 0] = per_friction
+    friction_variance = np.ptp([p.friction for p in piles]) ** 2 / 12
+    shared = np.kron(fit.noise, fit.inverse[:FEATURES, :FEATURES]) \
+        + friction_variance * np.outer(friction_direction, friction_direction)
+    # Shared too: V's error by the container, as far as the noise allows that the network does not
+    # explain; it is taken from the noise of the single scan
+    rig_covariance = RIG_COVARIANCES[viewpoint] + np.diag([SETTINGS.container_variance, 0.0])
+    common = features[:, :2]
+    mean = float(np.mean(np.sum(common @ rig_covariance * common, axis=1)))
+    unexplained = fit.noise[0, 0] - fit.noise[0, 1] ** 2 / fit.noise[1, 1]
+    share = min(1.0, (1 - SETTINGS.min_own_share) * unexplained / mean)
+    shared[:2, :2] += share * rig_covariance
+    return GammaModel(
+        coefficients=fit.coefficients[:, :FEATURES], shared=shared,
+        noise=fit.noise - np.diag([share * mean, 0.0]),
+        volume_variance=float(np.mean([p.volume_std**2 for p in piles])), scores=np.zeros(1),
+        least=np.array([min(p.reading.height for p in piles),
+                        min(p.reading.width for p in piles)]),
+        friction=per_friction, source="piles")
 
 
-def _score(model: GammaModel, pile: PileScan) -> float:
-    """The error of a pile that the model has not seen, in its standard deviations."""
+def _conformal_score(model: GammaModel, pile: PileScan) -> float:
+    """The error of a pile that the model was fitted without, in its standard deviations."""
     posterior = model.posterior(replace(pile.reading, log_gamma_counted=np.nan))
     error = pile.reading.log_gamma_counted - posterior.mean
     return float(error / np.hypot(posterior.std, pile.volume_std))
 
 
-def _arrays(piles: Sequence[PileScan]) -> tuple[np.ndarray, np.ndarray]:
-    """(n, FEATURES + 1) features, friction about the middle of its range last; (n, 2) t and y."""
+def _regression_data(piles: Sequence[PileScan]) -> tuple[np.ndarray, np.ndarray]:
+    """(n, FEATURES + 1) features, friction about the middle of its range last; (n, 2) log gamma,
+    counted and estimated."""
     friction = np.array([p.friction for p in piles])
-    x = fill_features(np.array([p.reading.height for p in piles]),
-                      np.array([p.reading.width for p in piles]))
+    features = fill_features(np.array([p.reading.height for p in piles]),
+                             np.array([p.reading.width for p in piles]))
     middle = (friction.min() + friction.max()) / 2
     return (
-        np.column_stack([x, friction - middle]),
+        np.column_stack([features, friction - middle]),
         np.array([[p.reading.log_gamma_counted, p.reading.log_gamma_estimated] for p in piles]),
     )
 
 
-def _regression(x: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Coefficients (2, k) of (n, 2) values on (n, k) features, the residuals' covariance (2, 2),
-    and (k, k) what times that is the coefficients'."""
-    doubt = np.linalg.inv(x.T @ x + 1e-4 * np.eye(x.shape[1]))
-    coefficients = (doubt @ x.T @ values).T
-    left = values - x @ coefficients.T
-    return coefficients, left.T @ left / (len(x) - x.shape[1]), doubt
+def _fit_regression(features: np.ndarray, values: np.ndarray) -> _Regression:
+    """Fits (n, 2) values on (n, k) features."""
+    inverse = np.linalg.inv(features.T @ features + SETTINGS.ridge * np.eye(features.shape[1]))
+    coefficients = (inverse @ features.T @ values).T
+    residuals = values - features @ coefficients.T
+    noise = residuals.T @ residuals / (len(features) - features.shape[1])
+    return _Regression(coefficients, noise, inverse)
 
 
-def _kept(x: np.ndarray, values: np.ndarray) -> list[int]:
-    """Indices of the piles that a regression does not find far off."""
-    kept = np.arange(len(x))
-    for _ in range(3):
-        coefficients, _, _ = _regression(x[kept], values[kept])
-        left = values[:, 0] - x @ coefficients[0]
-        kept = np.flatnonzero(np.abs(left) < _FAR * 1.4826 * np.median(np.abs(left[kept])))
-    return kept.tolist()
+def _find_inliers(features: np.ndarray, values: np.ndarray) -> list[int]:
+    """Indices of the piles that a regression of the counted log gamma does not find far off."""
+    inliers = np.arange(len(features))
+    for _ in range(SETTINGS.outlier_rounds):
+        fit = _fit_regression(features[inliers], values[inliers])
+        residuals = values[:, 0] - features @ fit.coefficients[0]
+        median = np.median(np.abs(residuals[inliers]))
+        limit = SETTINGS.max_deviation * _MAD_TO_STD * median
+        inliers = np.flatnonzero(np.abs(residuals) < limit)
+    return inliers.tolist()

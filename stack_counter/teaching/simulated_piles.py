@@ -1,10 +1,11 @@
+# SPDX-License-Identifier: Apache-2.0
 """Piles of one part as a rig may see them, simulated, recorded with noise and reconstructed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from multiprocessing import get_context
 
@@ -31,21 +32,48 @@ from stack_counter.sim import (
 )
 from stack_counter.types import StackVolume
 
-_SIZES = 1.25  # by which the rig's container is taken larger or smaller, for its slope
-_TRIES = 12
-_SEED = 0xADD
+
+@dataclass(frozen=True)
+class SimulatedPilesSettings:
+    """How a rig's container is varied and made; chosen.
+
+    Attributes:
+        size_factor: largest factor by which the container is taken larger or smaller, so that the
+            fit has a slope over its width.
+        max_tries: plans drawn for a pile before the part is refused.
+        seed: seed of all piles, if none is given.
+        default_wall_m: thickness of a wall that the configuration leaves open.
+        min_wall_m: least thickness of a taught container's wall and floor.
+    """
+
+    size_factor: float = 1.25
+    max_tries: int = 12
+    seed: int = 0xADD
+    default_wall_m: float = 0.003
+    min_wall_m: float = 1e-3
+
+
+SETTINGS = SimulatedPilesSettings()
+# The simulator's kind of a container that the run time calls so.
+_SIMULATED_KIND = {"box": "bin", "round": "cylinder", "free": "bag"}
 
 
 @dataclass(frozen=True)
 class PileScan:
-    """One simulated pile as one kind of scan shows it: what is read, the relative standard
-    deviation of V, the friction it was made with, and, if the network shall be tuned, what its
-    last layers read, (members, h)."""
+    """One simulated pile as one kind of scan shows it.
+
+    Attributes:
+        reading: fill, and log gamma as estimated and as counted.
+        volume_std: relative standard deviation of V.
+        friction: the friction that it was made with.
+        last_layer_input: (members, h) inputs of the network's last layers; None if the request
+            does not keep them.
+    """
 
     reading: Reading
     volume_std: float
     friction: float
-    hidden: np.ndarray | None = None
+    last_layer_input: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -62,33 +90,33 @@ class PileRequest:
 
     Attributes:
         shape: the part.
-        container: of the rig; None for a spread of them.
+        container: the rig's container; None for a spread of containers.
         friction: least and most.
-        estimator: settings of what says gamma.
-        tune: keep what the network's last layers read.
-        seed: of everything.
+        estimator: settings of the gamma estimator.
+        keep_last_layer_input: keep what the network's last layers read.
+        seed: seed of everything.
     """
 
     shape: Shape
     container: ContainerShape | None
     friction: tuple[float, float]
     estimator: CounterConfig
-    tune: bool = False
-    seed: int = _SEED
+    keep_last_layer_input: bool = False
+    seed: int = SETTINGS.seed
 
 
-def simulate_piles(order: PileRequest, count: int, workers: int) -> Iterator[Pile]:
-    """That many piles, as they get done.
+def simulate_piles(request: PileRequest, count: int, workers: int) -> Iterator[Pile]:
+    """Simulates that many piles and gives them as they get done.
 
     Raises:
         PartError: the part makes no pile: no decomposition, or it does not come to rest.
     """
     if workers == 1:
         for index in range(count):
-            yield make_pile(order, index)
+            yield make_pile(request, index)
         return
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        jobs = [pool.submit(make_pile, order, index) for index in range(count)]
+        jobs = [pool.submit(make_pile, request, index) for index in range(count)]
         try:
             for job in as_completed(jobs):
                 yield job.result()
@@ -97,108 +125,108 @@ def simulate_piles(order: PileRequest, count: int, workers: int) -> Iterator[Pil
             raise
 
 
-def make_pile(order: PileRequest, index: int) -> Pile:
-    """Pile `index`: depends on the order and the index alone.
+def make_pile(request: PileRequest, index: int) -> Pile:
+    """Makes pile `index`, which depends on the request and the index alone.
 
     Raises:
-        PartError: as `simulate_piles`.
+        PartError: the part makes no pile: no decomposition, or it does not come to rest.
     """
     why = ""
-    for attempt in range(_TRIES):
-        random = np.random.default_rng([order.seed, index, attempt])
+    for attempt in range(SETTINGS.max_tries):
+        random = np.random.default_rng([request.seed, index, attempt])
         try:
-            scene = _dropped(order, random, index)
+            scene = _simulate_scene(request, random, index)
             break
         except SceneError as error:
             why = str(error)
     else:
-        raise PartError(f"the part does not pile up: {why} ({_TRIES} tries)")
-    estimator = _estimator(order.estimator)
-    return Pile(*(_seen(scene, how, estimator, order.tune)
-                  for how in (reconstruct, reconstruct_from_above)))
+        raise PartError(f"the part does not pile up: {why} ({SETTINGS.max_tries} tries)")
+    estimator = _load_estimator(request.estimator)
+    return Pile(*(_scan_pile(scene, scan, estimator, request.keep_last_layer_input)
+                  for scan in (reconstruct, reconstruct_from_above)))
 
 
-def _dropped(order: PileRequest, random: np.random.Generator, index: int) -> Scene:
-    most = max_simulated_parts(order.shape)
-    container = draw_deep_container(random, order.shape, most) if order.container is None \
-        else scaled(order.container, float(np.exp(random.uniform(-1, 1) * np.log(_SIZES))))
-    return simulate_pile(
-        draw_plan_in_container(random, order.shape, container, order.friction, most),
-        random,
-        order.seed,
-        index,
-    )
+def _simulate_scene(request: PileRequest, random: np.random.Generator, index: int) -> Scene:
+    """One try of a pile, in a container of any size or in one about the rig's."""
+    max_parts = max_simulated_parts(request.shape)
+    if request.container is None:
+        container = draw_deep_container(random, request.shape, max_parts)
+    else:
+        log_factor = random.uniform(-1, 1) * np.log(SETTINGS.size_factor)
+        container = scale_container(request.container, float(np.exp(log_factor)))
+    plan = draw_plan_in_container(random, request.shape, container, request.friction, max_parts)
+    return simulate_pile(plan, random, request.seed, index)
 
 
 @cache
-def _estimator(config: CounterConfig) -> OccupancyEstimator:
+def _load_estimator(config: CounterConfig) -> OccupancyEstimator:
     return make_estimator(config)
 
 
-def _seen(scene: Scene, how: Callable[[Scene], StackVolume], estimator: OccupancyEstimator,
-          tune: bool) -> PileScan | None:
-    v = scene.truth.unit_volume
+def _scan_pile(scene: Scene, scan: Callable[[Scene], StackVolume], estimator: OccupancyEstimator,
+               keep_last_layer_input: bool) -> PileScan | None:
+    """A pile as one kind of scan shows it; None if the scan is refused."""
+    unit_volume = scene.truth.unit_volume
+    keep = keep_last_layer_input and isinstance(estimator, NetworkEstimator)
     try:
-        volume = how(scene)
+        volume = scan(scene)
         return PileScan(
-            counted_reading(volume, v, estimator, scene.truth.count),
-            volume.stack_volume_std / volume.stack_volume,
-            scene.friction,
-            estimator.hidden(volume, v)
-            if tune and isinstance(estimator, NetworkEstimator)
-            else None,
-        )
+            counted_reading(volume, unit_volume, estimator, scene.truth.count),
+            volume.stack_volume_std / volume.stack_volume, scene.friction,
+            estimator.hidden(volume, unit_volume) if keep else None)
     except StackCounterError:
         return None
 
 
-def counted_reading(
-    volume: StackVolume, unit_volume: float, estimator: OccupancyEstimator, count: int
-) -> Reading:
-    """A counted scan.
+def counted_reading(volume: StackVolume, unit_volume: float, estimator: OccupancyEstimator,
+                    count: int) -> Reading:
+    """The reading of a scan whose count is known.
 
     Raises:
         ScanError: it shows nothing.
     """
     if not volume.stack_volume > 0:
         raise ScanError(f"V of {count} parts is {volume.stack_volume} m3; expected some")
-    said = float(np.log(estimator.estimate(volume, unit_volume).gamma))
-    return Reading(*fill_size(volume, unit_volume), said,
-                   float(np.log(count * unit_volume / volume.stack_volume)))
+    estimated = float(np.log(estimator.estimate(volume, unit_volume).gamma))
+    counted = float(np.log(count * unit_volume / volume.stack_volume))
+    return Reading(*fill_size(volume, unit_volume), estimated, counted)
 
 
-def rig_container(config: ReconstructorConfig) -> ContainerShape | None:
+def make_rig_container(config: ReconstructorConfig) -> ContainerShape | None:
     """The container that the settings describe, as the simulator makes it; None if they name none.
 
     Raises:
-        ConfigError: as `configured_container`.
+        ConfigError: the settings name a taught container that is not in the catalogue.
     """
     taught = configured_container(config)
+    # Configured by its sizes
     if taught is None:
         kind, size = config.container_kind, config.container_inner_size_m
         kind = "box" if kind == "auto" else kind
-        if kind not in ("box", "round", "free") or not all(size):
+        if kind not in _SIMULATED_KIND or not all(size):
             return None
-        wall = config.container_wall_m or 0.003
+        wall_m = config.container_wall_m or SETTINGS.default_wall_m
         x, y, depth = size
-        return _container(kind, (x, y, depth), wall, config.container_floor_m or wall, 0.0)
-    rim, depth = taught.wall_shape.ring(0.0, taught.wall_m), taught.rim_m - taught.floor_m
-    foot = taught.wall_shape.ring(depth, taught.wall_m)
-    x, y = np.ptp(rim, axis=0)
-    lean = float(np.clip(np.ptp(rim, axis=0) - np.ptp(foot, axis=0), 0, None).mean()) / 2 / depth
-    return _container(taught.wall_shape.kind, (x, y, depth), max(taught.wall_m, 1e-3),
-                      max(taught.floor_m, 1e-3), float(np.arctan(lean)))
+        return _make_container(kind, (x, y, depth), wall_m, config.container_floor_m or wall_m,
+                               draft_rad=0.0)
+    # Taught: inner size at the rim, and the draft by how much smaller it is at the floor
+    depth = taught.rim_m - taught.floor_m
+    rim = np.ptp(taught.wall_shape.ring(0.0, taught.wall_m), axis=0)
+    foot = np.ptp(taught.wall_shape.ring(depth, taught.wall_m), axis=0)
+    slope = float(np.clip(rim - foot, 0, None).mean()) / 2 / depth
+    return _make_container(
+        taught.wall_shape.kind, (rim[0], rim[1], depth), max(taught.wall_m, SETTINGS.min_wall_m),
+        max(taught.floor_m, SETTINGS.min_wall_m), draft_rad=float(np.arctan(slope)))
 
 
-def scaled(container: ContainerShape, factor: float) -> ContainerShape:
-    """The container, all sizes times a factor."""
+def scale_container(container: ContainerShape, factor: float) -> ContainerShape:
+    """The container with its inner size times a factor."""
     x, y, depth = container.inner_size_m
-    return ContainerShape(container.kind, container.T_world_container,
-                          (x * factor, y * factor, depth * factor), container.wall_thickness_m,
-                          container.floor_thickness_m, container.draft_rad, container.seed)
+    return replace(container, inner_size_m=(x * factor, y * factor, depth * factor))
 
 
-def _container(kind: str, size: tuple[float, float, float], wall: float, floor: float,
-               draft: float) -> ContainerShape:
-    name = {"box": "bin", "round": "cylinder", "free": "bag"}[kind]
-    return ContainerShape(name, geometry.pose(np.eye(3), np.zeros(3)), size, wall, floor, draft)
+def _make_container(kind: str, size_m: tuple[float, float, float], wall_m: float, floor_m: float,
+                    draft_rad: float) -> ContainerShape:
+    """A container at the world's origin; `kind` as the run time calls it."""
+    return ContainerShape(_SIMULATED_KIND[kind], geometry.pose(np.eye(3), np.zeros(3)), size_m,
+                          wall_m, floor_m, draft_rad)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The metrics of `stack_counter.eval.images` on answers that are known exactly."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Label metrics: exact answers, and prompts as a user gives them."""
 
 import argparse

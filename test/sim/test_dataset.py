@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs: the same scenes for a seed, however many workers, and after any break."""
 
 import dataclasses
@@ -12,13 +13,12 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from kits.recipes import Few, Hopeless
 
 from stack_counter.sim import read_scenes
 from stack_counter.sim.dataset import simulate
 from stack_counter.sim.physics.drop import make_scene
-from stack_counter.sim.physics.plans import PilePlan
 from stack_counter.sim.physics.recipes import Recipe
-from stack_counter.sim.scenes.containers import ContainerShape
 from stack_counter.sim.scenes.scene import SceneError
 from stack_counter.sim.scenes.shards import SCENES_PER_SHARD, shard_path
 from stack_counter.sim.shapes import make_shape
@@ -27,26 +27,6 @@ pytest.importorskip("sapien", reason="the physics engine has no wheel for this P
 
 LIBRARY = (make_shape(0, "block"), make_shape(9, "block"), make_shape(10, "block"))
 SEED, COUNT = 5, 2 * SCENES_PER_SHARD + 3  # two full shards and one begun
-
-
-class Few(Recipe):
-    """A dozen blocks in a small bin."""
-
-    def draw_plan(self, random, shape, pieces, seed, index):
-        size = shape.part_size
-        inner = tuple(random.uniform(3, 3.5, 3) * size)
-        box = ContainerShape("bin", np.eye(4), inner, 0.1 * size, 0.1 * size)
-        return PilePlan(shape, box, 0.7 * np.array(inner[:2]), int(random.integers(8, 14)),
-                        taps=int(random.integers(2)))
-
-
-class Hopeless(Recipe):
-    """No scene can be made."""
-
-    def draw_plan(self, random, shape, pieces, seed, index):
-        raise SceneError("container too small: none would do")
-
-
 RECIPE = Few(library=LIBRARY)
 
 

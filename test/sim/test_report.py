@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page about a folder of scenes."""
 
 from collections import Counter

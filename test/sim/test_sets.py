@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The committed sets of scenes: whole, of the right families, with the truth of their poses."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulator's camera against closed forms, and its recordings."""
 
 import numpy as np

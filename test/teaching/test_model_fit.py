@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Piles of one part as two regressions: what was put in comes out."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CAD files: what is taken, what is put right, and what is refused by name."""
 
 from pathlib import Path
@@ -7,7 +8,7 @@ import pytest
 import trimesh
 
 from stack_counter.errors import PartError
-from stack_counter.teaching.part_mesh import MOST_FACES, load_part_mesh
+from stack_counter.teaching.part_mesh import SETTINGS, load_part_mesh
 
 BOX = trimesh.creation.box((20, 30, 40))
 
@@ -81,7 +82,7 @@ def test_many_triangles_are_made_fewer_with_the_same_volume(tmp_path):
     ball = trimesh.creation.icosphere(6, radius=10)
     part = load_part_mesh(written(tmp_path, ball))
     mesh = trimesh.Trimesh(part.vertices, part.faces)
-    assert len(part.faces) <= MOST_FACES < len(ball.faces) and mesh.is_watertight
+    assert len(part.faces) <= SETTINGS.max_faces < len(ball.faces) and mesh.is_watertight
     assert part.unit_volume == pytest.approx(ball.volume * 1e-9)
     assert mesh.volume == pytest.approx(part.unit_volume, rel=1e-6)
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated piles of one part, on the rig that the settings describe."""
 
 from dataclasses import replace
@@ -15,8 +16,8 @@ from stack_counter.teaching.add_part import make_pile_request
 from stack_counter.teaching.simulated_piles import (
     counted_reading,
     make_pile,
-    rig_container,
-    scaled,
+    make_rig_container,
+    scale_container,
 )
 
 BLOCK = trimesh.creation.box((0.03, 0.02, 0.02))
@@ -25,12 +26,12 @@ BLOCK = trimesh.creation.box((0.03, 0.02, 0.02))
 def test_a_configured_container_is_the_one_simulated():
     config = ReconstructorConfig(container_kind="round", container_inner_size_m=(0.2, 0.2, 0.1),
                                  container_wall_m=0.004)
-    made = rig_container(config)
+    made = make_rig_container(config)
     assert (made.kind, made.inner_size_m) == ("cylinder", (0.2, 0.2, 0.1))
     assert made.wall_thickness_m == made.floor_thickness_m == 0.004
-    assert rig_container(ReconstructorConfig()) is None
-    assert rig_container(replace(config, container_inner_size_m=(0.0, 0.0, 0.0))) is None
-    assert scaled(made, 1.1).inner_size_m == pytest.approx((0.22, 0.22, 0.11))
+    assert make_rig_container(ReconstructorConfig()) is None
+    assert make_rig_container(replace(config, container_inner_size_m=(0.0, 0.0, 0.0))) is None
+    assert scale_container(made, 1.1).inner_size_m == pytest.approx((0.22, 0.22, 0.11))
 
 
 @pytest.mark.parametrize("form, kind, size", [
@@ -40,7 +41,7 @@ def test_a_configured_container_is_the_one_simulated():
 def test_a_taught_container_is_the_one_simulated(tmp_path, form, kind, size):
     path = tmp_path / "containers.yaml"
     save_container("mine", TaughtContainer(form, 0.004, 0.005, 0.105), path)
-    made = rig_container(ReconstructorConfig(container="mine", container_catalogue=str(path)))
+    made = make_rig_container(ReconstructorConfig(container="mine", container_catalogue=str(path)))
     assert made.kind == kind and made.inner_size_m == pytest.approx(size, abs=2e-3)
     assert made.draft_rad == pytest.approx(np.arctan(0.1) if kind == "bin" else 0.0, abs=1e-3)
 

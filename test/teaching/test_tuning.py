@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Last layers adapted to one part's piles."""
 
 from dataclasses import replace
@@ -16,7 +17,7 @@ def with_hidden(misses_of, size=12):
     for pile in simulated_readings(60):
         hidden = random.normal(size=(2, size))
         estimated = pile.reading.log_gamma_counted - misses_of(random, hidden)
-        seen = replace(pile, hidden=hidden,
+        seen = replace(pile, last_layer_input=hidden,
                        reading=replace(pile.reading, log_gamma_estimated=estimated))
         out.append(Pile(seen, None))
     return out
@@ -41,5 +42,5 @@ def test_what_they_do_not_show_is_not_claimed():
 
 def test_what_one_kind_of_scans_loses_the_other_does_not_make_good():
     around = with_hidden(lambda random, z: 0.1 * z[0, 0])
-    both = [Pile(p.arc, replace(p.arc, hidden=-p.arc.hidden)) for p in around]
+    both = [Pile(p.arc, replace(p.arc, last_layer_input=-p.arc.last_layer_input)) for p in around]
     assert not tune(both).better, "from one side the same layers mean the opposite"

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The paper's metrics: perfect input gives 0, one miss an exact number."""
 
 import numpy as np

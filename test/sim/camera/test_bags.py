@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings of simulated scenes: what a cell would record, and the truth beside it."""
 
 import json

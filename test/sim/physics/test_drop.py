@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Physics: piles rest, inside the walls, without overlap, and again the same."""
 
 import itertools

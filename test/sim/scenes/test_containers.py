@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Containers against closed forms: what the rays see, what the parts touch, what is refused."""
 
 import numpy as np

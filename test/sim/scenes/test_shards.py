@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenes in files: what is read is what was written, and damage of any kind is refused."""
 
 import errno

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Count, V and gamma of scenes whose truth has a closed form."""
 
 import numpy as np

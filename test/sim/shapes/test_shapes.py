@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The training parts: every family is one solid, its measures those of closed forms."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The unseen test set: what it must hold, and that a damaged file is refused."""
 
 from pathlib import Path
