@@ -1,6 +1,9 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a scan can be right at all: views that agree, one container, and not cut off."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,46 +13,72 @@ from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region, largest_blob
 from stack_counter.types import HeightMap, View
 
-_STRIDE = 8  # pixels between the points that are compared
-_PAIRS = 12  # of views next to each other, at most
-_SEEN_THROUGH = 0.02  # how far behind another view's point one must see to contradict it, m
-_CONTRADICTED = 0.25  # share of the points for which the views contradict each other
-_FEWEST = 50  # points that two views share
-_BORDER_PX = 3
-_COARSE = 4  # pixels between the points in which a second container is looked for
-_CELL = 0.004  # side of a cell of the map for that, m
-_SURE_RIM = 0.85  # share of its outline on which its rim must be seen
-_CUT = 0.02  # share of the image's border that shows something standing
+
+@dataclass(frozen=True)
+class PlausibilitySettings:
+    """When a scan is refused or flagged; all values are chosen.
+
+    Attributes:
+        agreement_stride: pixels between the points of two views that are compared.
+        max_pairs: largest number of pairs of successive views that are compared.
+        min_shared_points: least number of points that two views share, or that show a rim.
+        see_through_m: distance behind another view's point that one must see to contradict it, m.
+        see_through_noise: the same in standard deviations of a depth point.
+        max_contradicted: largest share of the points for which two views contradict each other.
+        border_px: width of an image's border, pixels.
+        max_border_share: largest share of the border that may show something standing.
+        container_stride: pixels between the points in which a second container is looked for.
+        container_cell_m: side of a cell of the map for that, m.
+        min_rim_share: least share of its outline on which a second container's rim must show.
+    """
+
+    agreement_stride: int = 8
+    max_pairs: int = 12
+    min_shared_points: int = 50
+    see_through_m: float = 0.02
+    see_through_noise: float = 5
+    max_contradicted: float = 0.25
+    border_px: int = 3
+    max_border_share: float = 0.02
+    container_stride: int = 4
+    container_cell_m: float = 0.004
+    min_rim_share: float = 0.85
 
 
-def check_agreement(views: list[View], noise: float) -> None:
+SETTINGS = PlausibilitySettings()
+
+
+def check_agreement(views: list[View], depth_noise_m: float) -> None:
     """Refuses a scan whose views see through each other's surfaces.
 
     Args:
         views: with depth.
-        noise: of a depth point, metres.
+        depth_noise_m: standard deviation of a depth point, m.
 
     Raises:
-        ScanError: with how far the views are apart.
+        ScanError: the views of most pairs contradict each other.
     """
-    first = np.unique(np.linspace(0, len(views) - 1, _PAIRS + 1).astype(int))
-    gaps = [_gaps(views[a], views[b]) for a, b in zip(first, first[1:])]
-    gaps = [g for g in gaps if len(g) >= _FEWEST]
-    if not gaps:
+    # Measure how far each view sees behind the surface of the one before it.
+    indices = np.unique(np.linspace(0, len(views) - 1, SETTINGS.max_pairs + 1).astype(int))
+    pairs = [_distances_behind(views[a], views[b]) for a, b in zip(indices, indices[1:])]
+    pairs = [distances for distances in pairs if len(distances) >= SETTINGS.min_shared_points]
+    if not pairs:
         return
-    limit = max(_SEEN_THROUGH, 5 * noise)
-    share = float(np.median([np.mean(g > limit) for g in gaps]))
-    if share > _CONTRADICTED:
-        apart = float(np.median(np.abs(np.concatenate(gaps))))
+    # Refuse the scan if many points are seen through in the median pair.
+    limit = max(SETTINGS.see_through_m, SETTINGS.see_through_noise * depth_noise_m)
+    share = float(np.median([np.mean(distances > limit) for distances in pairs]))
+    if share > SETTINGS.max_contradicted:
+        apart = float(np.median(np.abs(np.concatenate(pairs))))
         raise ScanError(f"the views disagree by {1000 * apart:.0f} mm, {share:.0%} of what one "
-                        f"sees is free space to the next; expected below {_CONTRADICTED:.0%}: "
+                        "sees is free space to the next; expected below "
+                        f"{SETTINGS.max_contradicted:.0%}: "
                         "poses of another frame or another time than the images")
 
 
-def _gaps(one: View, other: View) -> np.ndarray:
-    """(n,) metres that the other view sees behind the points of one, where both have depth."""
+def _distances_behind(view: View, other: View) -> np.ndarray:
+    """(n,) metres that the other view sees behind a view's points, where both have depth."""
     assert other.depth is not None  # for the type checker
-    points = geometry.world_points(one, _STRIDE).reshape(-1, 3)
+    points = geometry.world_points(view, SETTINGS.agreement_stride).reshape(-1, 3)
     points = points[np.isfinite(points[:, 2])].astype(float)
     pixels = geometry.project_into(other, points)
     measured = other.depth[pixels.rows, pixels.cols]
@@ -57,48 +86,59 @@ def _gaps(one: View, other: View) -> np.ndarray:
 
 
 def stack_leaves_every_image(views: list[View], region: Region) -> bool:
-    """Whether every view has something that stands on the plane at the border of its image."""
-    return all(_cut(view, region) for view in views)
+    """Whether every view shows something standing on the support plane at its image's border."""
+    return all(_is_cut(view, region) for view in views)
 
 
-def _cut(view: View, region: Region) -> bool:
+def _is_cut(view: View, region: Region) -> bool:
+    """Whether something that stands in the region reaches the border of a view's image."""
     points = geometry.world_points(view)
     standing = region.contains(points) & (points[..., 2] > region.plane_z + region.lowest)
-    b = _BORDER_PX
+    b = SETTINGS.border_px
     border = [standing[:b], standing[-b:], standing[:, :b], standing[:, -b:]]
-    return bool(np.concatenate([x.ravel() for x in border]).mean() > _CUT)
+    share = np.concatenate([strip.ravel() for strip in border]).mean()
+    return bool(share > SETTINGS.max_border_share)
 
 
 def second_container(views: list[View], region: Region) -> str | None:
-    """Where else a container stands, in words, if the region holds one and is not the only one.
+    """Describes where containers stand if the region holds one and another stands beside it.
 
     Args:
         views: whole images with depth, of the first views.
         region: found around the largest thing in sight.
+
+    Returns:
+        Both places in words; None if there are no two containers.
     """
-    points = np.concatenate([p[np.isfinite(p[:, 2])] for p in
-                             (geometry.world_points(v, _COARSE).reshape(-1, 3) for v in views)])
+    # Split what stands on the support plane into the region's and the largest other thing.
+    points = np.concatenate([geometry.world_points(view, SETTINGS.container_stride).reshape(-1, 3)
+                             for view in views])
+    points = points[np.isfinite(points[:, 2])]
     points = points[points[:, 2] > region.plane_z + region.lowest]
     inside = region.contains(points)
-    blobs = [points[inside], largest_blob(points[~inside])]
-    rims = [_coarse_rim(blob, region) for blob in blobs]
+    # Look for a rim in each.
+    rims = [_find_coarse_rim(blob, region)
+            for blob in (points[inside], largest_blob(points[~inside]))]
     if any(rim is None for rim in rims):
         return None
     return " and ".join(f"one at x {rim.outline.center[0]:.2f}, y {rim.outline.center[1]:.2f} m"
                         for rim in rims if rim is not None)
 
 
-def _coarse_rim(points: np.ndarray, region: Region) -> Rim | None:
-    """The rim that a few views' points show; None if they show none."""
-    if len(points) < _FEWEST:
+def _find_coarse_rim(points: np.ndarray, region: Region) -> Rim | None:
+    """Finds a rectangular or round rim in a few views' points; None if none is sure."""
+    if len(points) < SETTINGS.min_shared_points:
         return None
-    low = points[:, :2].min(axis=0) - 2 * _CELL
-    cells = ((points[:, :2] - low) / _CELL).astype(int)
+    # Map the highest point of every cell.
+    cell = SETTINGS.container_cell_m
+    low = points[:, :2].min(axis=0) - 2 * cell
+    cells = ((points[:, :2] - low) / cell).astype(int)
     heights = np.full(cells.max(axis=0)[::-1] + 3, -np.inf, np.float32)
     np.maximum.at(heights, (cells[:, 1], cells[:, 0]), points[:, 2] - region.plane_z)
     heights[np.isinf(heights)] = np.nan
+    # Find the rim in the map.
     T_world_map = geometry.pose(np.eye(3), np.append(low, region.plane_z))
-    rim = find_rim(HeightMap(T_world_map, _CELL, heights), region.lowest, "auto")
-    sure = rim is not None and rim.outline_share >= _SURE_RIM \
+    rim = find_rim(HeightMap(T_world_map, cell, heights), region.lowest, "auto")
+    is_sure = rim is not None and rim.outline_share >= SETTINGS.min_rim_share \
         and rim.outline.kind in ("box", "round")
-    return rim if sure else None
+    return rim if is_sure else None

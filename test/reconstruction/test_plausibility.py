@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scans that cannot be right are refused or say so."""
 
 from dataclasses import replace
