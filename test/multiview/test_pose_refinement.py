@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses that pictures correct, against poses that are known."""
 
 from dataclasses import replace
@@ -9,7 +10,7 @@ from kits.analytic import Scene
 
 from stack_counter import geometry
 from stack_counter.errors import ViewError
-from stack_counter.multiview.pose_refinement import essential, refine_poses
+from stack_counter.multiview.pose_refinement import essential_matrices, refine_poses
 from stack_counter.types import Intrinsics
 
 CAMERA = Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5)
@@ -85,7 +86,7 @@ def test_rays_to_one_point_are_on_each_others_lines():
     a, b = scan(2)
     point = np.array([0.03, -0.02, 0.05])
     ray_a, ray_b = (geometry.apply(geometry.inverse(v.T_world_camera), point) for v in (a, b))
-    E = essential(a.T_world_camera, b.T_world_camera)
+    E = essential_matrices(a.T_world_camera, b.T_world_camera)
     assert ray_b @ E @ ray_a == pytest.approx(0, abs=1e-12)
     assert abs((ray_b + [0.01, 0.01, 0]) @ E @ ray_a) > 1e-4
 
