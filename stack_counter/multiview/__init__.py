@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Depth and hulls from colour pictures and label images alone."""

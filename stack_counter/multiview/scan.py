@@ -1,11 +1,12 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scans of pictures and labels alone: depth by stereo, seen in a world whose z is up.
 
-    scan = depth_scan(views, config)        # then as with a depth camera, in scan's own world
+    scan = depth_scan(views, config)   # scan.views are measured as with a depth camera: volume
     if scan.is_closed(volume, config):
         volume = scan.carved(volume, config.voxel_size)
     volume = scan.in_world(volume)
 
-Open containers and heaps are measured from above, as ever. A container is closed, like a bag that
+Open containers and heaps are measured from above. A container is closed, like a bag that
 parts show through, if labels show one and no rim is found; its V is what labels and depth leave.
 
 Source: paper, section 3.3: the volume is carved by pictures' masks and by depth.
@@ -25,7 +26,7 @@ from stack_counter.fusion.volume_model import volume_model
 from stack_counter.multiview.closed_container import carve_closed_container
 from stack_counter.multiview.pose_refinement import refine_poses
 from stack_counter.multiview.stereo import depth_from_pictures
-from stack_counter.multiview.support_plane import find_upright, show_support
+from stack_counter.multiview.support_plane import fill_support_depth, find_upright
 from stack_counter.multiview.visual_hull import VisualHull, carve_visual_hull
 from stack_counter.segmentation.labels import require_labels
 from stack_counter.types import (
@@ -39,101 +40,139 @@ from stack_counter.types import (
     View,
 )
 
-_MAX_WIDTH = 640  # larger pictures are made a whole number of times smaller, pixels
-_HULL_VOXEL = 0.006  # of the hull that bounds the depth, m
-_MIN_MEASURED = 0.2  # share of the stack's pixels that stereo must measure
-_MIN_CONTAINER = 0.02  # share of the stack's pixels that show the container, where there is one
-_MOSTLY = 0.5  # share of a closed container's surface that stereo should measure
-
 
 @dataclass(frozen=True)
+class StereoScanSettings:
+    """What a scan of pictures must show; all chosen.
+
+    Attributes:
+        max_width_px: width up to which pictures are used whole, pixels; larger ones are scaled
+            down by a whole number.
+        hull_voxel_m: side of the voxels of the hull that bounds the depth, m.
+        min_measured_share: least share of the stack's pixels that stereo must measure.
+        min_container_share: least share of the container in the stack's pixels where there is
+            one.
+        min_carved_share: share of a closed container's surface that stereo must measure for V
+            not to be called that of the hull.
+    """
+
+    max_width_px: int = 640
+    hull_voxel_m: float = 0.006
+    min_measured_share: float = 0.2
+    min_container_share: float = 0.02
+    min_carved_share: float = 0.5
+
+
+SETTINGS = StereoScanSettings()
+
+
+@dataclass(frozen=True, eq=False)
 class StereoScan:
-    """Views with depth and labels, the hull of the labels, both in an upright world, and its pose
-    (4, 4) in the world that the views came in."""
+    """A scan of pictures with the depth that stereo computed, in an upright world.
+
+    Attributes:
+        views: with depth and labels, upright world.
+        hull: of the labels, upright world.
+        T_world_upright: (4, 4) pose of the upright world in the one that the views came in.
+    """
 
     views: list[View]
     hull: VisualHull
     T_world_upright: np.ndarray
 
     def is_closed(self, volume: StackVolume, config: ReconstructorConfig) -> bool:
-        """Whether a container that was looked for, but has no rim, shows in the labels."""
-        shown = [np.bincount(require_labels(view).ravel(), minlength=3)[:3] for view in self.views]
-        _, container, parts = np.sum(shown, axis=0)
+        """Whether a container that was looked for, but has no rim, shows in the labels.
+
+        Args:
+            volume: of this scan, measured from above.
+            config: settings of the reconstruction.
+        """
+        pixels = [np.bincount(require_labels(view).ravel(), minlength=3)[:3]
+                  for view in self.views]
+        _, container, parts = np.sum(pixels, axis=0)
         return volume.container.kind == "none" and config.container_kind == "auto" \
-            and container > _MIN_CONTAINER * (container + parts)
+            and container > SETTINGS.min_container_share * (container + parts)
 
     def carved(self, heap: StackVolume, voxel_size: float) -> StackVolume:
-        """The same scan as a closed container.
+        """Measures the same scan as a closed container.
 
         Args:
             heap: its volume as a heap, whose frame stands on the support plane.
-            voxel_size: metres.
+            voxel_size: smallest side of a voxel, metres.
 
         Raises:
-            ScanError: nothing is left.
+            ScanError: no voxel is left after carving.
         """
+        # Carve by labels and depth above the support plane.
         plane_z = float(heap.container.T_world_container[2, 3])
         found = carve_closed_container(self.views, self.hull, voxel_size, plane_z)
         inner = HeightMap(found.top.T_world_map, found.top.pitch, np.zeros_like(found.top.heights))
-        reasons = () if found.measured >= _MOSTLY else (Reason.NO_DEPTH,)  # there the hull stands
+        # Where stereo measured little of the surface, V is that of the hull.
+        measured = found.measured_share >= SETTINGS.min_carved_share
+        reasons = () if measured else (Reason.NO_DEPTH,)
         return replace(
             heap, stack_volume=found.volume, stack_volume_std=found.volume_std, top=found.top,
-            inner=inner, coverage=found.measured, fill_level=(0.0, 0.0, 0.0), reasons=reasons,
-            one_side=False,
+            inner=inner, coverage=found.measured_share, fill_level=(0.0, 0.0, 0.0),
+            reasons=reasons, one_side=False,
             container=Container("hull", geometry.pose(np.eye(3), self.hull.middle)),
             mesh=Mesh(found.surface.astype(np.float32), np.zeros((0, 3), np.int32)))
 
     def in_world(self, volume: StackVolume) -> StackVolume:
-        """The volume where the views came from, with stereo's error and named as such."""
+        """Returns a volume of the upright world in the one that the views came in.
+
+        Stereo's own error is added to its standard deviation, and the reason that names it.
+        """
         T = self.T_world_upright
 
-        def moved(heights: HeightMap | None) -> HeightMap | None:
+        def in_world(heights: HeightMap | None) -> HeightMap | None:
             return heights and replace(heights, T_world_map=T @ heights.T_world_map)
 
-        box, mesh, key = volume.container, volume.mesh, volume.key_view
+        container, mesh, key_view = volume.container, volume.mesh, volume.key_view
         return replace(
-            volume, top=moved(volume.top), inner=moved(volume.inner),
+            volume, top=in_world(volume.top), inner=in_world(volume.inner),
             stack_volume_std=float(np.hypot(volume.stack_volume_std,
                                             volume_model().stereo_std * volume.stack_volume)),
-            container=replace(box, T_world_container=T @ box.T_world_container),
+            container=replace(container, T_world_container=T @ container.T_world_container),
             mesh=mesh and replace(mesh, vertices=geometry.apply(T, mesh.vertices).astype(
                 np.float32)),
-            key_view=key and replace(key, T_world_camera=T @ key.T_world_camera),
+            key_view=key_view and replace(key_view, T_world_camera=T @ key_view.T_world_camera),
             reasons=(Reason.DEPTH_FROM_PICTURES, *volume.reasons))
 
 
 def depth_scan(views: list[View], config: ReconstructorConfig) -> StereoScan:
-    """Depth by stereo, inside the hull of the labels.
+    """Computes depth by stereo, inside the hull of the labels.
 
     Args:
         views: pinhole views with colour and labels.
+        config: settings of the reconstruction.
 
     Raises:
         ScanError: no hull, stereo sees too little of the stack, or no support to say what is up.
         ViewError: reasons `no_color`, `no_labels`.
     """
-    smaller = [scale_down(view, -(-view.intrinsics.width // _MAX_WIDTH)) for view in views]
+    # Refine the poses at the size that stereo works on.
+    smaller = [scale_down(view, -(-view.intrinsics.width // SETTINGS.max_width_px))
+               for view in views]
     refined = refine_poses(smaller)
-    hull = carve_visual_hull(refined, max(config.voxel_size, _HULL_VOXEL), config.hull_min_share)
-    deep = depth_from_pictures(refined, hull)
-    known = (
-        np.concatenate(
-            [
-                np.asarray(view.depth)[np.isin(require_labels(view), (CONTAINER, PARTS))]
-                for view in deep
-            ]
-        )
-        > 0
-    )
-    if known.mean() < _MIN_MEASURED:
-        raise ScanError(f"stereo measures {known.mean():.0%} of the stack; expected "
-                        f"{_MIN_MEASURED:.0%} or more")
-    T, plane_z = find_upright(deep)
-    upright = [show_support(replace(view, T_world_camera=T @ view.T_world_camera), plane_z)
-               for view in deep]
-    turned = replace(hull, middle=geometry.apply(T, hull.middle),
-                     surface=geometry.apply(T, hull.surface))
-    return StereoScan(upright, turned, geometry.inverse(T))
+    # Carve the hull of the labels, and compute depth inside it.
+    hull = carve_visual_hull(refined, max(config.voxel_size, SETTINGS.hull_voxel_m),
+                             config.hull_min_share)
+    with_depth = depth_from_pictures(refined, hull)
+    stack_depths = np.concatenate([
+        np.asarray(view.depth)[np.isin(require_labels(view), (CONTAINER, PARTS))]
+        for view in with_depth])
+    measured_share = (stack_depths > 0).mean()
+    if measured_share < SETTINGS.min_measured_share:
+        raise ScanError(f"stereo measures {measured_share:.0%} of the stack; expected "
+                        f"{SETTINGS.min_measured_share:.0%} or more")
+    # Turn all into a world whose z is the support's normal.
+    support = find_upright(with_depth)
+    T = support.T_upright_world
+    upright = [replace(view, T_world_camera=T @ view.T_world_camera) for view in with_depth]
+    upright_views = [fill_support_depth(view, support.plane_z) for view in upright]
+    upright_hull = replace(hull, middle=geometry.apply(T, hull.middle),
+                           surface=geometry.apply(T, hull.surface))
+    return StereoScan(upright_views, upright_hull, geometry.inverse(T))
 
 
 def scale_down(view: View, factor: int) -> View:

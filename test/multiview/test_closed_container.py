@@ -44,7 +44,7 @@ def test_depth_takes_away_what_the_outline_leaves(box):
     assert found.outline_volume > 1.15 * VOLUME  # views from above leave a roof
     assert found.volume == pytest.approx(VOLUME, rel=0.03)
     assert abs(found.volume - VOLUME) < 2 * found.volume_std
-    assert found.measured > 0.9
+    assert found.measured_share > 0.9
     top = found.surface[np.abs(found.surface[:, :2]).max(axis=1) < 0.04]
     assert np.median(top[:, 2]) == pytest.approx(SIZE[2], abs=0.002)
 
@@ -63,7 +63,7 @@ def test_without_depth_the_outline_stands(box):
     blind = [replace(view, depth=np.zeros_like(view.depth)) for view in views]
     found = carve_closed_container(blind, carved, 0.003, 0.0)
     assert found.volume == found.outline_volume
-    assert found.measured == 0
+    assert found.measured_share == 0
     assert found.volume_std > 3 * carve_closed_container(views, carved, 0.003, 0.0).volume_std
 
 

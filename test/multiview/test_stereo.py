@@ -10,13 +10,19 @@ from kits.textures import wavy_texture
 from stack_counter import geometry
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.multiview import visual_hull
-from stack_counter.multiview.plane_sweep import WORST, Picture, aggregate, best_planes, sweep
+from stack_counter.multiview.plane_sweep import (
+    WORST,
+    Picture,
+    aggregate_paths,
+    find_best_planes,
+    sweep_planes,
+)
 from stack_counter.multiview.scan import scale_down
+from stack_counter.multiview.search_bounds import hull_bounds
 from stack_counter.multiview.stereo import (
-    StereoConfig,
+    StereoSettings,
     choose_neighbours,
     depth_from_pictures,
-    hull_bounds,
 )
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS, Intrinsics, View
 
@@ -166,7 +172,7 @@ def test_parts_beside_a_rim_are_left_open():
 def test_neighbours_are_at_a_useful_angle_and_apart():
     degrees = np.array([0.0, 1, 8, 9, 15, 20, 28, 60])
     angles = np.deg2rad(np.abs(degrees[:, None] - degrees))
-    config = StereoConfig(neighbours=4)
+    config = StereoSettings(neighbours=4)
     chosen = choose_neighbours(angles, 0, config)
     assert sorted(chosen) == [3, 4, 5, 6]  # not both of 8 and 9 degrees
     assert sorted(choose_neighbours(angles, 0, replace(config, neighbours=9))) == [2, 3, 4, 5, 6]
@@ -187,7 +193,7 @@ def test_the_right_plane_costs_least():
     moved = [picture(geometry.pose(np.eye(3), np.array([x, y, 0])), 0.5)
              for x, y in ((0.03, 0), (-0.03, 0.01), (0, 0.03))]
     planes = np.array([1 / 0.7, 1 / 0.6, 1 / 0.5, 1 / 0.4])
-    cost = sweep(reference, moved, planes, np.ones((4, 60, 80), bool), 2)
+    cost = sweep_planes(reference, moved, planes, np.ones((4, 60, 80), bool), 2)
     middle = cost[:, 12:-12, 12:-12]
     assert np.all(np.argmin(middle, axis=0) == 2)
     assert middle[2].max() < 0.1 * WORST
@@ -198,9 +204,9 @@ def test_a_picture_of_something_else_is_outvoted():
     good = [picture(geometry.pose(np.eye(3), np.array([x, 0, 0])), 0.5) for x in (0.03, -0.03)]
     other = Picture(np.ascontiguousarray(good[0].grey[::-1, ::-1]), good[0].K,
                     good[0].T_world_camera)
-    cost = sweep(reference, [*good, other], np.array([2.0]), np.ones((1, 60, 80), bool), 2)
+    cost = sweep_planes(reference, [*good, other], np.array([2.0]), np.ones((1, 60, 80), bool), 2)
     assert cost[0, 12:-12, 12:-12].max() < 0.15 * WORST
-    alone = sweep(reference, [other], np.array([2.0]), np.ones((1, 60, 80), bool), 2)
+    alone = sweep_planes(reference, [other], np.array([2.0]), np.ones((1, 60, 80), bool), 2)
     assert np.median(alone) > 0.5 * WORST
 
 
@@ -211,15 +217,15 @@ def test_only_allowed_pixels_are_looked_at_and_cost_the_same():
     some = np.zeros_like(everywhere)
     some[0, 20:35, 0:30] = True
     planes = np.array([2.0, 1.5])
-    cost = sweep(reference, moved, planes, some, 2)
+    cost = sweep_planes(reference, moved, planes, some, 2)
     assert np.all(cost[~some] == WORST)
-    whole = sweep(reference, moved, planes, everywhere, 2)
+    whole = sweep_planes(reference, moved, planes, everywhere, 2)
     assert np.abs(cost[some].astype(int) - whole[some]).max() <= 1
 
 
 def test_equal_costs_stay_equal():
     cost = np.full((5, 7, 9), 30, np.uint8)
-    assert np.all(aggregate(cost, np.zeros((7, 9), np.float32), 10, 80) == 8 * 30)
+    assert np.all(aggregate_paths(cost, np.zeros((7, 9), np.float32), 10, 80) == 8 * 30)
 
 
 def test_a_stray_pixel_follows_its_surroundings():
@@ -227,21 +233,21 @@ def test_a_stray_pixel_follows_its_surroundings():
     cost[2] = 20
     cost[:, 5, 6] = 150
     cost[4, 5, 6] = 100  # it alone prefers plane 4
-    total = aggregate(cost, np.zeros((11, 13), np.float32), 20, 160)
+    total = aggregate_paths(cost, np.zeros((11, 13), np.float32), 20, 160)
     assert np.all(np.argmin(total, axis=0) == 2)
 
 
 def test_surfaces_on_both_sides_of_a_step_stay():
     cost = np.full((8, 10, 20), 200, np.uint8)
     cost[1, :, :10] = cost[6, :, 10:] = 10
-    index = np.argmin(aggregate(cost, np.zeros((10, 20), np.float32), 20, 160), axis=0)
+    index = np.argmin(aggregate_paths(cost, np.zeros((10, 20), np.float32), 20, 160), axis=0)
     assert np.all(index[:, :10] == 1) and np.all(index[:, 10:] == 6)
 
 
 def test_a_parabola_is_found_between_planes():
     planes = np.arange(9)[:, None, None]
     total = (100 + 40 * (planes - np.array([[3.25, 5.75]])) ** 2).astype(np.uint16)
-    position, margin = best_planes(total, np.ones(total.shape, bool))
+    position, margin = find_best_planes(total, np.ones(total.shape, bool))
     assert position == pytest.approx(np.array([[3.25, 5.75]]), abs=0.01)
     assert np.all(margin > 1)
 
@@ -249,7 +255,7 @@ def test_a_parabola_is_found_between_planes():
 def test_only_allowed_planes_are_taken():
     total = np.array([5, 9, 3, 9, 7], np.uint16)[:, None, None].repeat(2, axis=2)
     allowed = np.array([[1, 1, 0, 0, 0], [0, 0, 0, 0, 0]], bool).T[:, None]
-    position, margin = best_planes(total, allowed)
+    position, margin = find_best_planes(total, allowed)
     assert position[0, 0] == 0 and position[0, 1] == -1
     assert margin[0, 1] == 0
 

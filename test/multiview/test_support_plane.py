@@ -8,7 +8,7 @@ from kits.analytic import Scene
 
 from stack_counter import geometry
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.multiview.support_plane import find_upright, show_support
+from stack_counter.multiview.support_plane import fill_support_depth, find_upright
 from stack_counter.types import BACKGROUND, PARTS, UNSEEN, Intrinsics
 
 CAMERA = Intrinsics(160, 120, 150.0, 150.0, 79.5, 59.5)
@@ -50,7 +50,7 @@ def test_background_shows_the_support_and_nothing_else_changes():
     labels = view.labels.copy()
     labels[:5] = UNSEEN
     holes = np.where(labels == BACKGROUND, 0, ideal).astype(np.float32)
-    shown = show_support(replace(view, depth=holes, labels=labels), 0.3)
+    shown = fill_support_depth(replace(view, depth=holes, labels=labels), 0.3)
     ground = labels == BACKGROUND
     assert shown.depth[ground] == pytest.approx(ideal[ground], abs=1e-5)
     assert np.array_equal(shown.depth[~ground], holes[~ground])
@@ -61,7 +61,7 @@ def test_above_the_horizon_there_is_no_support():
     level = geometry.look_at(np.array([0, 0, 0.6]), np.array([1.0, 0, 0.6]))
     blank = np.zeros_like(view.depth)
     view = replace(view, T_world_camera=level, depth=blank, labels=blank.astype(np.uint8))
-    shown = show_support(view, 0.3).depth
+    shown = fill_support_depth(view, 0.3).depth
     assert not shown[:59].any() and np.all(shown[61:] > 0)
 
 
@@ -76,4 +76,4 @@ def test_no_level_support_is_said():
     with pytest.raises(ViewError, match="no_depth"):
         find_upright([replace(scan()[0], depth=None)])
     with pytest.raises(ViewError, match="no_depth"):
-        show_support(replace(scan()[0], depth=None), 0.0)
+        fill_support_depth(replace(scan()[0], depth=None), 0.0)
