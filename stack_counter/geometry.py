@@ -217,7 +217,7 @@ def pose_change(T_a: np.ndarray, T_b: np.ndarray) -> PoseChange:
                       angle=float(np.arccos(np.clip(cosine, -1, 1))))
 
 
-def interpolate(T_a: np.ndarray, T_b: np.ndarray, share: float) -> np.ndarray:
+def interpolate_pose(T_a: np.ndarray, T_b: np.ndarray, share: float) -> np.ndarray:
     """The pose at `share` (0 to 1) of the way from one to the other: slerp and a straight line."""
     rotation = Slerp([0, 1], Rotation.from_matrix([T_a[:3, :3], T_b[:3, :3]]))(share)
     return pose(rotation.as_matrix(), (1 - share) * T_a[:3, 3] + share * T_b[:3, 3])

@@ -29,8 +29,8 @@ class ConstructionSettings:
 SETTINGS = ConstructionSettings()
 
 
-def container_of_wall(shape: WallShape, thickness: float, height: float, floor: float,
-                      plane_z: float) -> Container:
+def make_container(shape: WallShape, thickness: float, height: float, floor: float,
+                   plane_z: float) -> Container:
     """Makes the container of a wall.
 
     Args:
@@ -69,7 +69,7 @@ def with_floor(container: Container, floor: float) -> Container:
     return replace(container, floor_thickness_m=floor, inner_size_m=(size_x, size_y, rim - floor))
 
 
-def configured_at_pose(config: ReconstructorConfig, region: Region) -> Container:
+def make_configured_container(config: ReconstructorConfig, region: Region) -> Container:
     """Makes the container whose size and pose are both configured.
 
     Args:
@@ -89,11 +89,11 @@ def configured_at_pose(config: ReconstructorConfig, region: Region) -> Container
     if config.container_kind == "round":
         shape = RoundWall(np.array([x, y, size[0] / 2 + wall, 0.0, 0.0]))
     floor = config.container_floor_m or wall
-    return container_of_wall(shape, wall, floor + size[2], floor, region.plane_z)
+    return make_container(shape, wall, floor + size[2], floor, region.plane_z)
 
 
-def container_of_fit(shape: WallShape, thickness: float, height: float, region: Region,
-                     config: ReconstructorConfig) -> Container:
+def make_fitted_container(shape: WallShape, thickness: float, height: float, region: Region,
+                          config: ReconstructorConfig) -> Container:
     """Makes the container of a fitted wall; configured sizes replace the fitted ones.
 
     Args:
@@ -115,7 +115,7 @@ def container_of_fit(shape: WallShape, thickness: float, height: float, region: 
     if size[2]:
         floor = config.container_floor_m or max(height - size[2], 0.0)
         height = floor + size[2]
-    return container_of_wall(shape, thickness, height, floor, region.plane_z)
+    return make_container(shape, thickness, height, floor, region.plane_z)
 
 
 def _with_outer_size(shape: BoxWall, size: np.ndarray) -> BoxWall:

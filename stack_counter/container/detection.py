@@ -10,12 +10,12 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.construction import (
-    configured_at_pose,
-    container_of_fit,
+    make_configured_container,
+    make_fitted_container,
     no_container,
 )
 from stack_counter.container.rim import Rim, find_rim
-from stack_counter.container.wall_fit import FittedWall, Thickness, face_points, fit_wall
+from stack_counter.container.wall_fit import FittedWall, Thickness, find_face_points, fit_wall
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region, seen_from_one_side
 from stack_counter.fusion.surface import FusedSurface
@@ -122,15 +122,16 @@ def find_container(surface: FusedSurface, views: list[View], region: Region, vox
     if config.container_kind == "none":
         return FoundContainer(no_container(region), True)
     if config.container_pose == "given":
-        return FoundContainer(configured_at_pose(config, region), True)
+        return FoundContainer(make_configured_container(config, region), True)
     # Find a rim, and fit the wall below it.
-    rim = find_rim(rim_map(surface, region, voxel_size), region.lowest, config.container_kind)
+    top = rim_map(surface, region, voxel_size)
+    rim = find_rim(top, region.noise_height, config.container_kind)
     wall = None if rim is None else _fit_wall_below(rim, views, region, config)
     candidate = _Candidate(rim, wall) if rim is not None and wall is not None else None
     # Decide whether they are a container's.
     if candidate is not None and _is_accepted(candidate, views, region):
-        container = container_of_fit(candidate.wall.shape, candidate.wall.thickness,
-                                     candidate.rim.height, region, config)
+        container = make_fitted_container(candidate.wall.shape, candidate.wall.thickness,
+                                          candidate.rim.height, region, config)
         return FoundContainer(container, True)
     if config.container_kind != "auto":
         raise ScanError(f"no {config.container_kind} container found: a level rim on "
@@ -161,7 +162,7 @@ def _fit_wall_below(rim: Rim, views: list[View], region: Region, config: Reconst
     if rim.height < SETTINGS.min_rim_height:
         return None
     thickness = _expected_thickness(rim, views, region, config)
-    points = face_points(views, region, rim.outline, rim.height)
+    points = find_face_points(views, region, rim.outline, rim.height)
     return fit_wall(rim.outline, points, rim.height, thickness, noise=region.noise)
 
 

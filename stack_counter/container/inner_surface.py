@@ -95,7 +95,7 @@ class WallTable:
         angles = np.linspace(-np.pi, np.pi, SETTINGS.angle_samples)
         self._radii = np.stack([_radii_at(ring[:, :2], angles) for ring in rings])
 
-    def inside(self, points: np.ndarray) -> np.ndarray:
+    def depth_inside(self, points: np.ndarray) -> np.ndarray:
         """Distances of points from the inner wall, along the radius.
 
         Args:

@@ -10,14 +10,19 @@ from typing_extensions import override
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import TaughtContainer
-from stack_counter.container.construction import container_of_wall
+from stack_counter.container.construction import make_container
 from stack_counter.container.detection import SETTINGS as DETECTION_SETTINGS
 from stack_counter.container.detection import rim_map
-from stack_counter.container.rim import point_std, rim_height, rim_points, rim_share
+from stack_counter.container.rim import (
+    find_rim_points,
+    measure_outline_share,
+    measure_rim_height,
+    rim_point_std,
+)
 from stack_counter.container.wall_fit import (
     FacePoints,
     Thickness,
-    face_points,
+    find_face_points,
     fit_outline,
     fit_wall,
 )
@@ -130,22 +135,22 @@ def place_container(taught: TaughtContainer, surface: FusedSurface, views: list[
     top = rim_map(surface, region, voxel_size)
     configured = config.container_pose == "given"
     candidates = [PlacedWall(np.array(config.container_xyyaw), taught.wall_shape)] if configured \
-        else _fit_to_rim(taught, top, region.lowest, config.container)
+        else _fit_to_rim(taught, top, region.noise_height, config.container)
     # Height of the support plane by that of the rim.
-    rim_m = rim_height(top, candidates[0], taught.wall_m, taught.rim_m)
+    rim_m = measure_rim_height(top, candidates[0], taught.wall_m, taught.rim_m)
     region = replace(region, plane_z=region.plane_z + (rim_m - taught.rim_m))
     wall = candidates[0]
     if not configured:
         # The candidate that the walls agree with, fitted to them.
-        points = face_points(views, region, wall, taught.rim_m)
+        points = find_face_points(views, region, wall, taught.rim_m)
         wall = min(candidates, key=lambda w: _face_distance(w, points, taught.wall_m))
         thickness = Thickness(taught.wall_m, SETTINGS.thickness_std)
         fitted = fit_wall(wall, points, taught.rim_m, thickness, region.noise)
         wall = wall.with_params(fitted.shape.params)
-    return container_of_wall(wall, taught.wall_m, taught.rim_m, taught.floor_m, region.plane_z)
+    return make_container(wall, taught.wall_m, taught.rim_m, taught.floor_m, region.plane_z)
 
 
-def _fit_to_rim(taught: TaughtContainer, top: HeightMap, lowest: float, name: str
+def _fit_to_rim(taught: TaughtContainer, top: HeightMap, min_height: float, name: str
                 ) -> list[PlacedWall]:
     """The wall in all the poses in which its outline meets the rim.
 
@@ -153,8 +158,8 @@ def _fit_to_rim(taught: TaughtContainer, top: HeightMap, lowest: float, name: st
     """
     s = SETTINGS
     # Try all yaws about the rim's middle.
-    points = rim_points(top, lowest, taught.rim_m)
-    level, scale = np.zeros(len(points.xy)), point_std(top.pitch)
+    points = find_rim_points(top, min_height, taught.rim_m)
+    level, scale = np.zeros(len(points.xy)), rim_point_std(top.pitch)
     turned = [PlacedWall(np.append(points.center, yaw), taught.wall_shape)
               for yaw in 2 * np.pi * np.arange(s.yaws) / s.yaws]
     # The logarithm: what hangs over the rim is far off.
@@ -165,7 +170,7 @@ def _fit_to_rim(taught: TaughtContainer, top: HeightMap, lowest: float, name: st
     chosen = best[np.argsort(error[best], kind="stable")[:s.max_candidates]]
     walls = [fit_outline(turned[i], points.xy, scale) for i in chosen]
     # Keep those that explain the rim about as well as the best.
-    shares = [rim_share(wall, points.xy, top.pitch) for wall in walls]
+    shares = [measure_outline_share(wall, points.xy, top.pitch) for wall in walls]
     if max(shares) < DETECTION_SETTINGS.min_rim:
         raise ScanError(f"container '{name}' not found: a rim {taught.rim_m:.3f} m high on "
                         f"{max(shares):.0%} of its outline; expected "

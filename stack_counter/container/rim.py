@@ -112,22 +112,22 @@ class _RimEdges:
     inner: float
 
 
-def find_rim(top: HeightMap, lowest: float, kind: str) -> Rim | None:
+def find_rim(top: HeightMap, min_height: float, kind: str) -> Rim | None:
     """Finds the rim of the largest thing in a map; None where nothing stands.
 
     Args:
         top: highest surface, heights above the support plane.
-        lowest: what stands less high is not looked at, metres.
+        min_height: what stands less high is left out, metres.
         kind: `box`, `round`, `free`, or `auto` for the simplest that fits.
     """
-    points = rim_points(top, lowest)
+    points = find_rim_points(top, min_height)
     if not len(points.xy):
         return None
     # Fit each shape; a richer one must explain more of the rim.
     best, best_share = None, -1.0
     for shape in _first_guesses(points, kind):
-        shape = fit_outline(shape, points.xy, point_std(top.pitch))
-        share = rim_share(shape, points.xy, top.pitch)
+        shape = fit_outline(shape, points.xy, rim_point_std(top.pitch))
+        share = measure_outline_share(shape, points.xy, top.pitch)
         if share > best_share + (SETTINGS.simpler_share if best is not None else 0):
             best, best_share = shape, share
     assert best is not None  # for the type checker
@@ -138,15 +138,15 @@ def find_rim(top: HeightMap, lowest: float, kind: str) -> Rim | None:
                width=edges.inner - edges.outer)
 
 
-def rim_points(top: HeightMap, lowest: float, height: float = 0.0) -> RimPoints:
+def find_rim_points(top: HeightMap, min_height: float, height: float = 0.0) -> RimPoints:
     """Finds the outermost points of the rim of the largest thing in a map.
 
     Args:
         top: highest surface, heights above the support plane.
-        lowest: what stands less high is not looked at, metres.
+        min_height: what stands less high is left out, metres.
         height: of the rim above the support plane, metres; 0: found.
     """
-    ring = _level_ring(top, lowest, height)
+    ring = _level_ring(top, min_height, height)
     if np.count_nonzero(ring.cells) < SETTINGS.min_cells:
         return RimPoints(np.zeros((0, 2)), np.zeros(2), ring.height)
     points, center = _outermost_points(ring.cells, top.pitch)
@@ -154,7 +154,7 @@ def rim_points(top: HeightMap, lowest: float, height: float = 0.0) -> RimPoints:
     return RimPoints(points @ T[:2, :2].T + T[:2, 3], T[:2, :2] @ center + T[:2, 3], ring.height)
 
 
-def rim_share(shape: WallShape, xy: np.ndarray, pitch: float) -> float:
+def measure_outline_share(shape: WallShape, xy: np.ndarray, pitch: float) -> float:
     """Share of the sectors whose rim point lies on a shape's outline.
 
     Args:
@@ -166,12 +166,12 @@ def rim_share(shape: WallShape, xy: np.ndarray, pitch: float) -> float:
     return np.count_nonzero(np.abs(inside) < max(SETTINGS.close, pitch)) / SETTINGS.sectors
 
 
-def point_std(pitch: float) -> float:
+def rim_point_std(pitch: float) -> float:
     """Standard deviation of a rim point in a map of that pitch, metres: half a cell."""
     return max(pitch / 2, SETTINGS.outline_std)
 
 
-def rim_height(top: HeightMap, shape: WallShape, thickness: float, height: float) -> float:
+def measure_rim_height(top: HeightMap, shape: WallShape, thickness: float, height: float) -> float:
     """Measures the height of a rim whose outline is known, above the map's plane, metres.
 
     Args:
@@ -189,11 +189,11 @@ def rim_height(top: HeightMap, shape: WallShape, thickness: float, height: float
     return height
 
 
-def _level_ring(top: HeightMap, lowest: float, height: float) -> _Ring:
+def _level_ring(top: HeightMap, min_height: float, height: float) -> _Ring:
     """The cells level with the outer edge of the largest blob, or with a given height."""
     s = SETTINGS
     # The largest blob, and the outline of it with its holes filled.
-    blob = np.nan_to_num(top.heights, nan=0.0) > lowest
+    blob = np.nan_to_num(top.heights, nan=0.0) > min_height
     labels, count = ndimage.label(ndimage.binary_closing(blob, iterations=2))
     if not count:
         return _Ring(blob, 0.0)

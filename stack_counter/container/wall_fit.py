@@ -120,7 +120,8 @@ class FittedWall:
         return max(self.outer_share, self.inner_share)
 
 
-def face_points(views: list[View], region: Region, shape: WallShape, height: float) -> FacePoints:
+def find_face_points(views: list[View], region: Region, shape: WallShape, height: float
+                     ) -> FacePoints:
     """The points that the views saw on the near wall from outside or beyond it from inside.
 
     Args:
@@ -131,13 +132,14 @@ def face_points(views: list[View], region: Region, shape: WallShape, height: flo
     """
     s = SETTINGS
     chosen = np.unique(np.linspace(0, len(views) - 1, s.max_views).round().astype(int))
-    found = [_face_points_of(views[i], region, shape, height) for i in chosen]
+    found = [_face_points_in_view(views[i], region, shape, height) for i in chosen]
     every = FacePoints(*(np.concatenate([getattr(f, name) for f in found])
                          for name in ("xy", "below", "inner")))
     return every.select(np.arange(0, len(every.inner), len(every.inner) // s.max_points + 1))
 
 
-def _face_points_of(view: View, region: Region, shape: WallShape, height: float) -> FacePoints:
+def _face_points_in_view(view: View, region: Region, shape: WallShape, height: float
+                         ) -> FacePoints:
     """The `face_points` of one view."""
     s = SETTINGS
     # Crop to the region between foot and rim.
@@ -195,7 +197,7 @@ def fit_wall(shape: WallShape, points: FacePoints, height: float, thickness: Thi
     # Fit a growing part of the wall, from the rim down.
     for share in s.depth_shares:
         chosen = _cell_medians(wall, points, cell, reach, points.below < share * height)
-        wall = _refine(wall, points.select(chosen), shape, thickness, height)
+        wall = _refine_fit(wall, points.select(chosen), shape, thickness, height)
     # Which sectors showed which face, and how well they agree.
     chosen = _cell_medians(wall, points, cell, reach, np.ones(len(points.below), bool))
     medians = points.select(chosen)
@@ -244,8 +246,8 @@ def _cell_medians(wall: FittedWall, points: FacePoints, cell: np.ndarray, reach:
     return median[faces.ravel()[cells]]
 
 
-def _refine(wall: FittedWall, points: FacePoints, first: WallShape, thickness: Thickness,
-            height: float) -> FittedWall:
+def _refine_fit(wall: FittedWall, points: FacePoints, first: WallShape, thickness: Thickness,
+                height: float) -> FittedWall:
     """The wall after one more least-squares fit; `first` and `thickness` are expected of it."""
     s = SETTINGS
     std = np.append(first.prior_std, thickness.std)

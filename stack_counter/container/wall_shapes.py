@@ -238,7 +238,7 @@ class FreeWall(WallShape):
     def yaw(self) -> float:
         return 0.0
 
-    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _tabulate(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rim's radius, lean, and cosine between radius and normal, at the angles `_ANGLES`."""
         radius = _RADIUS_BASIS @ self.params[:_RADIUS_COEFFICIENTS]
         lean = _LEAN_BASIS @ self.params[_RADIUS_COEFFICIENTS:-1]
@@ -253,7 +253,7 @@ class FreeWall(WallShape):
     def depth_inside(self, xy: np.ndarray, below: np.ndarray) -> np.ndarray:
         offsets = xy - self.origin
         angle = np.arctan2(offsets[:, 1], offsets[:, 0])
-        rim, lean, cosine = (np.interp(angle, _ANGLES, table) for table in self._tables())
+        rim, lean, cosine = (np.interp(angle, _ANGLES, table) for table in self._tabulate())
         return (self._radius(rim, lean, below) - np.linalg.norm(offsets, axis=1)) * cosine
 
     @override
@@ -264,7 +264,7 @@ class FreeWall(WallShape):
     @override
     def ring(self, below: float, inwards: float) -> np.ndarray:
         corners = slice(None, -1, SETTINGS.samples_per_corner)
-        rim, lean, cosine = (table[corners] for table in self._tables())
+        rim, lean, cosine = (table[corners] for table in self._tabulate())
         angle = _ANGLES[corners]
         r = np.maximum(self._radius(rim, lean, below) - inwards / cosine,
                        SETTINGS.narrowest_ring_share * self.params[0])

@@ -78,8 +78,8 @@ class DepthFusion:
         is_surface = self.region.contains(geometry.world_points(view))
         depth = open_background(view, self._depth_trunc)
         if self._live and self._last_surface is not None:
-            self._tsdf.forget(self._changed_pixels(view, self._last_surface), depth,
-                              view.intrinsics, view.T_world_camera)
+            self._tsdf.clear_rays(self._changed_pixels(view, self._last_surface), depth,
+                                  view.intrinsics, view.T_world_camera)
         self._tsdf.integrate(depth, is_surface, view.intrinsics, view.T_world_camera)
         return view
 

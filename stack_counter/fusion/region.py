@@ -73,7 +73,7 @@ class Region:
     noise: float
 
     @property
-    def lowest(self) -> float:
+    def noise_height(self) -> float:
         """Height above the plane, metres, below which a single point may be noise."""
         return max(SETTINGS.min_height, SETTINGS.noise_factor * self.noise)
 
@@ -117,7 +117,7 @@ def find_region(views: list[View], config: ReconstructorConfig) -> Region:
     Raises:
         ScanError: no plane, or nothing in sight.
     """
-    points = _points_of(views)
+    points = _depth_points(views)
     # Crop to the configured region.
     configured = np.any(config.roi_size_m)
     center, size = np.array(config.roi_center_m), np.array(config.roi_size_m)
@@ -153,7 +153,7 @@ def find_pieces(views: list[View], config: ReconstructorConfig) -> Region:
     region = find_region(views, config)
     if np.any(config.roi_size_m):
         return region
-    standing = _standing_points(_points_of(views), region)
+    standing = _standing_points(_depth_points(views), region)
     footprints = _label_footprints(standing)
     if len(standing):  # what is much smaller than the largest is noise of far ground
         counts = footprints.counts
@@ -195,7 +195,7 @@ def largest_blob(points: np.ndarray) -> np.ndarray:
     return points[footprints.label_of_point == np.argmax(footprints.counts)]
 
 
-def _points_of(views: Iterable[View]) -> np.ndarray:
+def _depth_points(views: Iterable[View]) -> np.ndarray:
     """(n, 3) float32 world points of views with depth, metres."""
     return np.concatenate([p[np.isfinite(p[:, 2])] for p in (
         geometry.world_points(view, SETTINGS.stride).reshape(-1, 3) for view in views)])
@@ -214,11 +214,11 @@ def _standing_points(points: np.ndarray, region: Region) -> np.ndarray:
     count = np.bincount(cell)
     mean = np.bincount(cell, above) / np.maximum(count, 1)
     # Noise of these means on the ground, where nothing stands.
-    ground = (np.abs(mean) < region.lowest) & (count > 0)
+    ground = (np.abs(mean) < region.noise_height) & (count > 0)
     noise = _MAD_TO_STD * np.median(np.abs(mean[ground])) if ground.any() else region.noise
     high = (mean > max(s.min_height / 2, s.cell_noise_factor * noise)) \
         & (count >= s.min_cell_points)
-    return points[(above > region.lowest) | (high[cell] & (above > 0))]
+    return points[(above > region.noise_height) | (high[cell] & (above > 0))]
 
 
 def _region_around(blob: np.ndarray, region: Region) -> Region:

@@ -135,8 +135,8 @@ class Tsdf:
                 weights = self._grid.attribute("weight").numpy()  # shares the memory
                 np.minimum(weights, self._max_weight, out=weights)
 
-    def forget(self, changed: np.ndarray, depth: np.ndarray, intrinsics: Intrinsics,
-               T_world_camera: np.ndarray) -> None:
+    def clear_rays(self, changed: np.ndarray, depth: np.ndarray, intrinsics: Intrinsics,
+                   T_world_camera: np.ndarray) -> None:
         """Clears what was fused along some pixels' rays, up to the surface that they show now.
 
         The next view alone decides what is there.

@@ -93,7 +93,7 @@ def stack_leaves_every_image(views: list[View], region: Region) -> bool:
 def _is_cut(view: View, region: Region) -> bool:
     """Whether something that stands in the region reaches the border of a view's image."""
     points = geometry.world_points(view)
-    standing = region.contains(points) & (points[..., 2] > region.plane_z + region.lowest)
+    standing = region.contains(points) & (points[..., 2] > region.plane_z + region.noise_height)
     b = SETTINGS.border_px
     border = [standing[:b], standing[-b:], standing[:, :b], standing[:, -b:]]
     share = np.concatenate([strip.ravel() for strip in border]).mean()
@@ -114,7 +114,7 @@ def second_container(views: list[View], region: Region) -> str | None:
     points = np.concatenate([geometry.world_points(view, SETTINGS.container_stride).reshape(-1, 3)
                              for view in views])
     points = points[np.isfinite(points[:, 2])]
-    points = points[points[:, 2] > region.plane_z + region.lowest]
+    points = points[points[:, 2] > region.plane_z + region.noise_height]
     inside = region.contains(points)
     # Look for a rim in each.
     rims = [_find_coarse_rim(blob, region)
@@ -138,7 +138,7 @@ def _find_coarse_rim(points: np.ndarray, region: Region) -> Rim | None:
     heights[np.isinf(heights)] = np.nan
     # Find the rim in the map.
     T_world_map = geometry.pose(np.eye(3), np.append(low, region.plane_z))
-    rim = find_rim(HeightMap(T_world_map, cell, heights), region.lowest, "auto")
+    rim = find_rim(HeightMap(T_world_map, cell, heights), region.noise_height, "auto")
     is_sure = rim is not None and rim.outline_share >= SETTINGS.min_rim_share \
         and rim.outline.kind in ("box", "round")
     return rim if is_sure else None

@@ -43,7 +43,7 @@ class Geometric:
         box = self._container
         local = geometry.apply(geometry.inverse(box.T_world_container).astype(np.float32),
                                points[standing])
-        inside = self._wall.inside(local)
+        inside = self._wall.depth_inside(local)
         rim = box.floor_thickness_m + box.inner_size_m[2]
         held = (local[:, 2] > box.floor_thickness_m + _NOISE) & (inside > _NOISE)
         above = local[:, 2] > rim + _NOISE

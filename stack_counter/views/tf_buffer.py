@@ -153,4 +153,5 @@ class TransformBuffer:
             raise ViewError("no_tf", f"'{name}' in '{edge.parent}' has {sides[0]} before and "
                                      f"{sides[1]} after the image; expected samples at most "
                                      f"{self._max_gap_ns / 1e6:.0f} ms apart")
-        return geometry.interpolate(edge.poses[i - 1], edge.poses[i], before / (before + after))
+        return geometry.interpolate_pose(edge.poses[i - 1], edge.poses[i],
+                                         before / (before + after))

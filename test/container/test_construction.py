@@ -6,8 +6,8 @@ import pytest
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.construction import (
-    configured_at_pose,
-    container_of_fit,
+    make_configured_container,
+    make_fitted_container,
     no_container,
 )
 from stack_counter.container.wall_shapes import BoxWall, RoundWall
@@ -21,7 +21,7 @@ WALL, HEIGHT = 0.005, 0.12
 
 
 def fitted(shape, **settings):
-    return container_of_fit(shape, WALL, HEIGHT, REGION, ReconstructorConfig(**settings))
+    return make_fitted_container(shape, WALL, HEIGHT, REGION, ReconstructorConfig(**settings))
 
 
 def test_what_is_not_configured_is_as_fitted():
@@ -52,7 +52,7 @@ def test_a_configured_diameter_is_that_of_the_opening():
 
 @pytest.mark.parametrize("kind", ["box", "round"])
 def test_a_configured_pose_is_used_as_it_is(kind):
-    box = configured_at_pose(ReconstructorConfig(
+    box = make_configured_container(ReconstructorConfig(
         container_kind=kind, container_pose="given", container_xyyaw=(0.1, -0.1, 0.5),
         container_inner_size_m=(0.2, 0.2, 0.1), container_wall_m=0.004), REGION)
     assert box.kind == kind
@@ -66,7 +66,7 @@ def test_a_configured_pose_is_used_as_it_is(kind):
     {"container_kind": "free", "container_inner_size_m": (0.2, 0.2, 0.1)}])
 def test_a_pose_without_sizes_is_refused(settings):
     with pytest.raises(ScanError, match="needs three sizes above 0 and the kind box or round"):
-        configured_at_pose(ReconstructorConfig(container_pose="given", **settings), REGION)
+        make_configured_container(ReconstructorConfig(container_pose="given", **settings), REGION)
 
 
 def test_a_heap_stands_in_the_middle_of_the_region():

@@ -6,7 +6,7 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from stack_counter.container.construction import container_of_wall, with_floor
+from stack_counter.container.construction import make_container, with_floor
 from stack_counter.container.inner_surface import (
     WallTable,
     inside_outline,
@@ -23,7 +23,7 @@ SHAPES = pytest.mark.parametrize("shape", [BOX, CONE], ids=lambda s: s.kind)
 
 
 def container(shape):
-    return container_of_wall(shape, WALL, HEIGHT, FLOOR, PLANE)
+    return make_container(shape, WALL, HEIGHT, FLOOR, PLANE)
 
 
 def hull_volume(box, from_z):
@@ -81,7 +81,7 @@ def test_the_table_of_a_cone_gives_the_distance_along_the_radius():
     z = random.uniform(0, HEIGHT, 500)
     points = np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
     want = 0.1 - 0.2 * (HEIGHT - z) - WALL - r
-    np.testing.assert_allclose(WallTable(container(CONE)).inside(points), want, atol=1e-4)
+    np.testing.assert_allclose(WallTable(container(CONE)).depth_inside(points), want, atol=1e-4)
 
 
 @SHAPES

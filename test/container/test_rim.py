@@ -5,7 +5,12 @@ import numpy as np
 import pytest
 
 from stack_counter import geometry
-from stack_counter.container.rim import find_rim, rim_height, rim_points, rim_share
+from stack_counter.container.rim import (
+    find_rim,
+    find_rim_points,
+    measure_outline_share,
+    measure_rim_height,
+)
 from stack_counter.container.wall_shapes import BoxWall, RoundWall
 from stack_counter.types import HeightMap
 
@@ -83,22 +88,22 @@ def test_a_cone_has_no_rim_worth_the_name():
 
 def test_nothing_standing_has_no_rim():
     assert find_rim(height_map(0.002, lambda xy: np.zeros(xy.shape[:2])), LOWEST, "auto") is None
-    points = rim_points(height_map(0.002, lambda xy: np.full(xy.shape[:2], np.nan)), LOWEST)
+    points = find_rim_points(height_map(0.002, lambda xy: np.full(xy.shape[:2], np.nan)), LOWEST)
     assert points.xy.shape == (0, 2)
 
 
 def test_points_lie_on_the_outline_one_in_a_sector():
     top = bin_map(ROUND, 0.001)
-    points = rim_points(top, LOWEST)
+    points = find_rim_points(top, LOWEST)
     assert 170 <= len(points.xy) <= 180
     np.testing.assert_allclose(points.center, ROUND.center, atol=0.001)
     np.testing.assert_allclose(np.linalg.norm(points.xy - ROUND.center, axis=1), 0.11,
                                atol=0.001)
-    assert rim_share(ROUND, points.xy, top.pitch) == len(points.xy) / 180
-    assert rim_share(ROUND.offset_inwards(0.01), points.xy, top.pitch) == 0
+    assert measure_outline_share(ROUND, points.xy, top.pitch) == len(points.xy) / 180
+    assert measure_outline_share(ROUND.offset_inwards(0.01), points.xy, top.pitch) == 0
 
 
 def test_the_height_of_a_rim_whose_outline_is_given():
     top = bin_map(BOX, 0.002)
-    assert rim_height(top, BOX, WALL, HEIGHT + 0.002) == pytest.approx(HEIGHT, abs=1e-6)
-    assert rim_height(top, BOX, WALL, 0.2) == 0.2  # nothing is there: as expected before
+    assert measure_rim_height(top, BOX, WALL, HEIGHT + 0.002) == pytest.approx(HEIGHT, abs=1e-6)
+    assert measure_rim_height(top, BOX, WALL, 0.2) == 0.2  # nothing is there: as expected before

@@ -8,7 +8,7 @@ from kits.analytic import Scene
 from stack_counter.container.wall_fit import (
     FacePoints,
     Thickness,
-    face_points,
+    find_face_points,
     fit_outline,
     fit_wall,
 )
@@ -90,7 +90,7 @@ def test_views_show_the_near_wall_from_outside_and_the_far_one_from_inside():
     scene = Scene().bin((0.24, 0.16, 0.1), 0.008, 0.005, 0.02)
     outer = BoxWall(np.array([0, 0, 0, 0.256, 0.176, 0.0]))
     region = Region(np.array([-0.2, -0.2, -0.02]), np.array([0.2, 0.2, 0.2]), 0.0, 0.0005)
-    points = face_points(scene.views(4, tilts=(45,)), region, outer, 0.105)
+    points = find_face_points(scene.views(4, tilts=(45,)), region, outer, 0.105)
     assert points.below.min() > 0.003 and points.below.max() < 0.105
     distance = outer.depth_inside(points.xy, points.below)
     assert np.median(np.abs(distance[~points.inner])) < 1e-4

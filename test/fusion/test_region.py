@@ -80,7 +80,7 @@ def test_a_region_contains_and_joins():
     both = a.union(b)
     np.testing.assert_array_equal(both.contains(points), [True, True, True, False])
     assert both.plane_z == 0.0
-    assert (a.lowest, b.lowest) == (SETTINGS.min_height, 0.04)
+    assert (a.noise_height, b.noise_height) == (SETTINGS.min_height, 0.04)
 
 
 def test_a_cropped_view_still_shows_all_of_the_region():

@@ -65,8 +65,8 @@ def test_what_is_forgotten_is_gone_with_the_next_view():
         for _ in range(8):
             tsdf.integrate(full.depth, full.depth > 0, full.intrinsics, full.T_world_camera)
         if forgets:
-            tsdf.forget(np.abs(full.depth - empty.depth) > 0.003, empty.depth, empty.intrinsics,
-                        empty.T_world_camera)
+            tsdf.clear_rays(np.abs(full.depth - empty.depth) > 0.003, empty.depth,
+                            empty.intrinsics, empty.T_world_camera)
         tsdf.integrate(empty.depth, empty.depth > 0, empty.intrinsics, empty.T_world_camera)
         mesh = tsdf.extract_triangle_mesh(1)
         left[forgets] = FusedSurface(mesh).heights(corner, 0.002, (50, 50)).heights
@@ -77,9 +77,10 @@ def test_what_is_forgotten_is_gone_with_the_next_view():
 def test_nothing_changed_forgets_nothing():
     view = above(True)
     tsdf = Tsdf(0.002, 2.0, 3.0, 20.0, 1000.0)
-    tsdf.forget(np.ones(view.depth.shape, bool), view.depth, view.intrinsics, view.T_world_camera)
+    tsdf.clear_rays(np.ones(view.depth.shape, bool), view.depth, view.intrinsics,
+                    view.T_world_camera)
     tsdf.integrate(view.depth, view.depth > 0, view.intrinsics, view.T_world_camera)
     before = tsdf.extract_triangle_mesh(1)
-    tsdf.forget(np.zeros(view.depth.shape, bool), view.depth, view.intrinsics,
-                view.T_world_camera)
+    tsdf.clear_rays(np.zeros(view.depth.shape, bool), view.depth, view.intrinsics,
+                    view.T_world_camera)
     assert len(tsdf.extract_triangle_mesh(1).triangles) == len(before.triangles)

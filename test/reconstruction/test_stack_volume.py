@@ -6,7 +6,7 @@ import pytest
 from kits.analytic import Scene
 
 from stack_counter.config import ReconstructorConfig
-from stack_counter.container.construction import container_of_wall
+from stack_counter.container.construction import make_container
 from stack_counter.container.wall_shapes import BoxWall
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region
@@ -107,7 +107,7 @@ def level_surface(z, low=(-0.3, -0.3), high=(0.3, 0.3)):
 
 def measure_bin(mesh, floor_known=True, one_side=False):
     wall = BoxWall(np.array([0, 0, 0, INNER[0] + 2 * WALL, INNER[1] + 2 * WALL, 0]))
-    container = container_of_wall(wall, WALL, FLOOR + INNER[2], FLOOR, PLANE)
+    container = make_container(wall, WALL, FLOOR + INNER[2], FLOOR, PLANE)
     return measure_stack(FusedSurface(mesh), container, REGION, 0.002, floor_known, one_side)
 
 

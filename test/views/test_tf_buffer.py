@@ -98,7 +98,7 @@ def tree():
 
 def test_a_chain_up_and_down_the_tree():
     buffer, T = tree()
-    arm = geometry.interpolate(T["arm0"], T["arm1"], 0.25)
+    arm = geometry.interpolate_pose(T["arm0"], T["arm1"], 0.25)
     in_base = arm @ T["camera"]
     found = {target: buffer.lookup(target, "camera", 20 * MS) for target in
              ("world", "base", "bin", "camera")}

@@ -164,7 +164,7 @@ def arm_transforms(views: list[View], world_frame: str = "base_link") -> list[Tr
         moving_ns = max(following.stamp_ns - view.stamp_ns - 2 * rest_ns, 1)
         for stamp_ns in range(view.stamp_ns - rest_ns, end, SETTINGS.tf_step_ns):
             share = float(np.clip((stamp_ns - view.stamp_ns - rest_ns) / moving_ns, 0, 1))
-            T = geometry.interpolate(view.T_world_camera, following.T_world_camera, share)
+            T = geometry.interpolate_pose(view.T_world_camera, following.T_world_camera, share)
             transforms.append((stamp_ns + SETTINGS.latency_ns, world_frame, FRAME, T))
     return transforms
 

@@ -230,7 +230,7 @@ def _edge_errors(scene: Scene, stack: MeasuredStack) -> dict[str, float]:
 
 def _lost_rim_width(scene: Scene, mesh: Mesh, region: Region, voxel_size: float) -> float:
     """True less measured width of the rim, m; NaN where parts hide its inner edge."""
-    rim = find_rim(rim_map(FusedSurface(mesh), region, voxel_size), region.lowest, "auto")
+    rim = find_rim(rim_map(FusedSurface(mesh), region, voxel_size), region.noise_height, "auto")
     return scene.container.wall_thickness_m - rim.width if rim is not None else np.nan
 
 
