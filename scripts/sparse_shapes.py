@@ -20,12 +20,13 @@ from stack_counter.sim.shapes import SIZES_M, Shape, ShapeError, shape_from_mesh
 from stack_counter.sim.shapes.held_out.sparse import GENERATORS, make_solid
 from stack_counter.sim.shapes.library import write_library
 
-_PARTS = 8  # of a family
-_TOO_FULL = 1.5  # volume of the convex pieces over that of the part: wires would be too thick
+# Parts of a family; largest volume of the convex pieces over that of the part, beyond which wires
+# would be too thick. Both chosen.
+_PARTS, _MAX_FULLNESS = 8, 1.5
 
 
-def checked(family: str, variant: int) -> Shape:
-    """One part.
+def make_checked_shape(family: str, variant: int) -> Shape:
+    """Makes one part of 15 to 45 mm.
 
     Raises:
         ShapeError: it is no solid, or has no faithful decomposition.
@@ -36,15 +37,15 @@ def checked(family: str, variant: int) -> Shape:
     vertices = raw.vert_properties[:, :3].astype(np.float32)
     shape = shape_from_mesh(vertices, raw.tri_verts, family, part_size=size)
     pieces = sum(trimesh.convex.convex_hull(corners).volume for corners in convex_pieces(shape))
-    if pieces > _TOO_FULL * shape.unit_volume:
+    if pieces > _MAX_FULLNESS * shape.unit_volume:
         raise ShapeError(f"its convex pieces fill {pieces / shape.unit_volume:.2f} times its "
-                         f"volume; expected at most {_TOO_FULL}")
+                         f"volume; expected at most {_MAX_FULLNESS}")
     return shape
 
 
 def main(out: Path, parts: int = _PARTS) -> None:
-    """Writes the file; says what was refused and why."""
-    write_library(out, checked, GENERATORS, range(parts))
+    """Writes the file; prints what was refused and why."""
+    write_library(out, make_checked_shape, GENERATORS, range(parts))
 
 
 if __name__ == "__main__":

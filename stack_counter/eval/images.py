@@ -105,8 +105,8 @@ def evaluate_pictures(scene: Scene, views: list[View]) -> PictureErrors:
     for view in pictures:
         scan.add(view)
     result = scan.measure(taught=None)
-    found, reasons, depth = "hull", (Reason.NO_DEPTH,), None
-    stack_volume = hull
+    found, stack_volume, depth = "hull", hull, None
+    reasons: tuple[Reason, ...] = (Reason.NO_DEPTH,)
     if scan.stereo is not None:
         found, reasons, stack_volume = result.container.kind, result.reasons, result.stack_volume
         depth = measure_depth_errors(scan.stereo.views, views)

@@ -93,7 +93,9 @@ def score_views(views: list[View], random: np.random.Generator, depth: bool) -> 
     """Scores views that hold the true labels: IoU by segmenter."""
     assert views[0].labels is not None  # for the type checker
     prompts = json.dumps(draw_user_prompts(views[0].labels, random))
-    settings = {"geometric": {"segmenter": "geometric"}} if depth else {}
+    settings: dict[str, dict[str, Any]] = {}
+    if depth:
+        settings["geometric"] = {"segmenter": "geometric"}
     settings["prompted"] = {"segmenter": "prompted", "prompts": prompts}
     return {name: parts_iou(label_views(ReconstructorConfig(**setting), views, depth), views)
             for name, setting in settings.items()}
@@ -146,7 +148,7 @@ def parts_iou(labelled: list[View], truth: list[View]) -> float:
         assert view.labels is not None and full.labels is not None  # for the type checker
         x, y = round(full.intrinsics.cx - k.cx), round(full.intrinsics.cy - k.cy)
         true = full.labels[y:y + k.height, x:x + k.width] == PARTS
-        shared += np.count_nonzero(true & (view.labels == PARTS))
-        found += np.count_nonzero(view.labels == PARTS)
+        shared += int(np.count_nonzero(true & (view.labels == PARTS)))
+        found += int(np.count_nonzero(view.labels == PARTS))
     there = sum(np.count_nonzero(view.labels == PARTS) for view in truth)
     return shared / (there + found - shared)

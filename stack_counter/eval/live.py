@@ -94,15 +94,15 @@ def count_while_picking(scene: Scene, picks: int, share: float = 0.0) -> list[Li
         start = time.perf_counter()
         true = len(state.poses)
         before = counts[-1].true if counts else true
-        estimated: tuple = (None, 0, 0)
+        estimated, low, high = None, 0, 0
         try:
             counter.add_view(view)
             count = counter.count(Part(scene.truth.unit_volume), estimator, _CONFIDENCE)
-            estimated = (count.count, *count.count_interval)
+            estimated, (low, high) = count.count, count.count_interval
         except (ViewError, ScanError) as error:
             print(f"scene {scene.index}, {true} parts: {error}")
-        counts.append(LiveCount(scene.index, scene.container.kind, true, before, *estimated,
-                                time.perf_counter() - start))
+        counts.append(LiveCount(scene.index, scene.container.kind, true, before, estimated, low,
+                                high, time.perf_counter() - start))
     return counts
 
 

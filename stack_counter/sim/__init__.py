@@ -5,7 +5,7 @@
         scene.truth                               # count, V, gamma
         views = record(scene, views=12, seed=0)   # views with noisy depth and poses
 
-What is named here is for `train`, `eval` and `part`; the rest is the simulator's own.
+What is named here is for `train`, `eval` and `teaching`; the rest is the simulator's own.
 """
 
 from stack_counter.sim.camera.bags import remove_parts

@@ -167,13 +167,13 @@ def _scan_pile(scene: Scene, scan: Callable[[Scene], StackVolume], estimator: Oc
                keep_last_layer_input: bool) -> PileScan | None:
     """A pile as one kind of scan shows it; None if the scan is refused."""
     unit_volume = scene.truth.unit_volume
-    keep = keep_last_layer_input and isinstance(estimator, NetworkEstimator)
     try:
         volume = scan(scene)
         return PileScan(
             counted_reading(volume, unit_volume, estimator, scene.truth.count),
             volume.stack_volume_std / volume.stack_volume, scene.friction,
-            estimator.hidden(volume, unit_volume) if keep else None)
+            estimator.hidden(volume, unit_volume)
+            if keep_last_layer_input and isinstance(estimator, NetworkEstimator) else None)
     except StackCounterError:
         return None
 

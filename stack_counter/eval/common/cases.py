@@ -112,12 +112,14 @@ def ideal_volume(scene: Scene) -> StackVolume:
     """The result of a perfect reconstruction: the true V and the surface as cast."""
     surface = ideal_surface(scene)
     length = scene.truth.unit_volume ** (1 / 3)
-    maps = [HeightMap(np.eye(4), length / PIXELS_PER_LENGTH,
-                      np.where(surface.valid, a * length, np.nan).astype(np.float32))
-            for a in (surface.top, surface.inner)]
+    top, inner = (HeightMap(np.eye(4), length / PIXELS_PER_LENGTH,
+                            np.where(surface.valid, heights * length, np.nan).astype(np.float32))
+                  for heights in (surface.top, surface.inner))
     container = Container("none" if scene.container.kind == "none" else "box", np.eye(4))
-    return StackVolume(0, scene.truth.stack_volume, 0.0, container, (0, 0, 0), 1.0, *maps, None,
-                       ViewTally())
+    return StackVolume(
+        stamp_ns=0, stack_volume=scene.truth.stack_volume, stack_volume_std=0.0,
+        container=container, fill_level=(0, 0, 0), coverage=1.0, top=top, inner=inner,
+        key_view=None, views=ViewTally())
 
 
 def group_cases(cases: list[Case]) -> dict[str, list[Case]]:

@@ -113,6 +113,7 @@ def measure_long_scan_cost(scene: Scene, seed: int) -> dict[str, float]:
         recorded = record(scene, SETTINGS.long_views, seed, color=False,
                           intrinsics=SETTINGS.long_camera)
         for i, view in enumerate(recorded):
+            assert view.depth is not None  # recordings have depth
             np.savez(Path(folder) / f"{i:03d}.npz", depth=np.round(1000 * view.depth).astype(
                 np.uint16), T_world_camera=view.T_world_camera)
         del recorded

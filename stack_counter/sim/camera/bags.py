@@ -88,7 +88,7 @@ def write_picks_bag(scene: Scene, out: Path, picks: int, seed: int) -> None:
         raise BagError(f"{picks} picks from {len(scene.poses)} parts; expected 1 to that many")
     states = list(remove_parts(scene, picks))
     views = record_fixed_camera(states, seed)
-    mount: Transform = (views[0].stamp_ns, "base_link", FRAME, views[0].T_world_camera)
+    mount = Transform(views[0].stamp_ns, "base_link", FRAME, views[0].T_world_camera)
     write_bag(out, views, transforms=(), static=[mount])
     counts = [{"stamp_ns": view.stamp_ns, "count": len(state.poses)}
               for view, state in zip(views, states)]
@@ -112,8 +112,8 @@ def write_station_bag(scene: Scene, out: Path, cycles: int, seed: int) -> None:
     # Truth and poses, before a camera dies
     counts = [{"stamp_ns": max(views[k].stamp_ns for views in cameras.values()), "count": n}
               for k, n in enumerate(remaining)]
-    static: list[Transform] = [(views[0].stamp_ns, "base_link", views[0].camera,
-                                views[0].T_world_camera) for views in cameras.values()]
+    static = [Transform(views[0].stamp_ns, "base_link", views[0].camera, views[0].T_world_camera)
+              for views in cameras.values()]
     poses = {name: views[0].T_world_camera for name, views in cameras.items()}
     dead = list(cameras)[-1]
     cameras[dead] = [view for k, view in enumerate(cameras[dead]) if k != SETTINGS.dead_cycle]
@@ -165,7 +165,7 @@ def arm_transforms(views: list[View], world_frame: str = "base_link") -> list[Tr
         for stamp_ns in range(view.stamp_ns - rest_ns, end, SETTINGS.tf_step_ns):
             share = float(np.clip((stamp_ns - view.stamp_ns - rest_ns) / moving_ns, 0, 1))
             T = geometry.interpolate_pose(view.T_world_camera, following.T_world_camera, share)
-            transforms.append((stamp_ns + SETTINGS.latency_ns, world_frame, FRAME, T))
+            transforms.append(Transform(stamp_ns + SETTINGS.latency_ns, world_frame, FRAME, T))
     return transforms
 
 

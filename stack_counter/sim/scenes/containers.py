@@ -84,7 +84,7 @@ class ContainerShape:
     draft_rad: float = 0.0
     seed: int = 0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         x, y, depth = self.inner_size_m
         if self.kind not in KINDS:
             raise ContainerError(f"container kind is '{self.kind}'; expected one of {KINDS}")

@@ -7,13 +7,14 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from stack_counter.sim.shapes.shape import Shape, ShapeError, shape_from_mesh
 
 
-def save_shapes(path: str | Path, shapes: list[Shape], **extra: np.ndarray) -> None:
+def save_shapes(path: str | Path, shapes: list[Shape], **extra: Any) -> None:
     """Writes shapes as `load_shapes` reads them, behind further arrays of the caller's."""
     np.savez_compressed(
         path, **extra, families=np.array([s.family for s in shapes]),

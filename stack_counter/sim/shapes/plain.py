@@ -56,7 +56,7 @@ def capsule(random: np.random.Generator) -> Manifold:
     """A pill, or a drop with one end thinner."""
     a = random.uniform(0.08, 0.4)
     b = a * (1 if random.random() < 0.6 else random.uniform(0.3, 0.9))
-    return bar([0, 0, a - 0.5], [0, 0, 0.5 - b], a, b, 24)
+    return bar(np.array([0, 0, a - 0.5]), np.array([0, 0, 0.5 - b]), a, b, 24)
 
 
 def ball(random: np.random.Generator) -> Manifold:
