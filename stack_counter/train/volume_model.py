@@ -17,7 +17,7 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -224,8 +224,9 @@ def main() -> int:
     jobs = list(plan_scans(options.folders, options.scenes, options.pictures, options.seed))
     errors, refused = run_scans(jobs, options.log, options.workers)
     numbers = measure_numbers(errors, volume_model(), options.seed)
-    kept = read_volume_model(options.values) if options.values else VolumeModel(
-        **{**asdict(volume_model()), **{n: number.measured for n, number in numbers.items()}})
+    measured = {name: max(number.measured, 0.0) for name, number in numbers.items()}
+    kept = read_volume_model(options.values) if options.values \
+        else replace(volume_model(), **measured)
     print(table(numbers, kept))
     write_atomically(options.out, file_text(numbers, kept, {
         "command": "python -m stack_counter.train.volume_model "

