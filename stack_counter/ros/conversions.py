@@ -115,7 +115,7 @@ def from_key_view(message: KeyViewMsg) -> KeyView:
 # --- the stack --------------------------------------------------------------------------------
 
 def to_container(container: Container) -> ContainerMsg:
-    """Returns the message of a container; its wall (`rings`, `form`) is not sent."""
+    """Returns the message of a container; its wall (`rings`, `wall_shape`) is not sent."""
     message = ContainerMsg(kind=container.kind, pose=to_pose(container.T_world_container),
                            wall_thickness=container.wall_thickness_m,
                            floor_thickness=container.floor_thickness_m)

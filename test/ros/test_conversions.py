@@ -27,7 +27,7 @@ from stack_counter.types import (
 )
 
 # Fields that no message carries: only the reconstructor draws the wall and the mesh.
-NOT_SENT = {"Container": {"rings", "form"}, "StackVolume": {"mesh"}}
+NOT_SENT = {"Container": {"rings", "wall_shape"}, "StackVolume": {"mesh"}}
 STAMP_NS = 1_700_000_000_123_456_789
 REQUEST = PosedImage(scan_id="scan 1", part="nut", unit_volume=1e-6,
                      header=to_header(STAMP_NS, "optical"))
@@ -146,6 +146,11 @@ def test_no_field_of_an_example_has_its_default(name):
                 if field.default_factory is not dataclasses.MISSING else field.default
             value = getattr(example, field.name)
             assert isinstance(value, np.ndarray) or value != default, f"{name}.{field.name}"
+
+
+def test_what_is_not_sent_is_a_field():
+    for name, fields in NOT_SENT.items():
+        assert fields <= {field.name for field in dataclasses.fields(examples()[name])}
 
 
 def test_a_field_that_is_not_sent_is_noticed(monkeypatch):
