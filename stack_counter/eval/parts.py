@@ -159,15 +159,15 @@ def count_all_ways(rig: Rig, scans: list[tuple[Scene, StackVolume]], models: Par
     counts = []
     for i, (scene, volume) in enumerate(scans):
         # What may be known: the other scans, counted, one by one and in threes
-        known = [("v only", bare), ("CAD", from_cad)]
+        parts = [("v only", bare), ("CAD", from_cad)]
         others = [scan for k, scan in enumerate(counted) if k != i]
         for k, scan in enumerate(others):
             three = tuple(others[(k + j) % len(others)] for j in range(3))
-            known += [("one counted scan", replace(bare, counted=(scan,))),
+            parts += [("one counted scan", replace(bare, counted=(scan,))),
                       ("CAD and one counted scan", replace(from_cad, counted=(scan,))),
                       ("three counted scans", replace(bare, counted=three)),
                       ("CAD and three counted scans", replace(from_cad, counted=three))]
-        for row, part in known:
+        for row, part in parts:
             count = count_stack(volume, part, estimator, confidence)
             counts.append(PartCount(
                 row, rig.number, scene.index, scene.truth.count, count.count,

@@ -61,7 +61,8 @@ def record(scene: Scene, views: int = 12, seed: int = 0, color: bool = True,
         seed: seed of the arc, the noise and the materials.
         color: render colour too (seconds a view).
         camera: noise model of the depth.
-        pose_sigma_m, pose_sigma_deg: noise of the reported poses, per axis.
+        pose_sigma_m: noise of the reported positions, per axis, metres.
+        pose_sigma_deg: noise of the reported rotations, per axis, degrees.
         intrinsics: with about the vertical field of view of `CAMERA`, for which the arc is laid.
         labels: give the true label images too.
     """

@@ -63,7 +63,7 @@ SETTINGS = ContainerDrawSettings()
 
 
 def expected_gamma(shape: Shape) -> float:
-    """gamma to expect, for choosing a number of parts: concave parts are looser."""
+    """Estimates gamma, for choosing a number of parts: concave parts are looser."""
     return SETTINGS.loosest_gamma * shape.convexity**SETTINGS.gamma_exponent
 
 

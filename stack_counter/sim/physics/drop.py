@@ -65,7 +65,8 @@ def simulate_pile(plan: PilePlan, random: np.random.Generator, seed: int = 0, in
     Args:
         plan: what to drop where.
         random: draws attitudes, places and taps.
-        seed, index: what the scene will be named by.
+        seed: seed that the scene will be named by.
+        index: number that it will be named by.
         decompose: False collides concave parts as hulls, as the paper does.
 
     Raises:
