@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Models of `transformers` from a folder that the user names. Nothing is ever downloaded."""
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from stack_counter.errors import WeightsError
 
 
 def load_pretrained(folder: Path, model_type: str, architecture: str, what: str) -> Any:
-    """A model in evaluation mode.
+    """Loads a model of `transformers`, in evaluation mode.
 
     Args:
         folder: with `config.json` and safetensors.
@@ -19,11 +20,12 @@ def load_pretrained(folder: Path, model_type: str, architecture: str, what: str)
         what: the model's name in messages.
 
     Raises:
-        WeightsError: folder or safetensors missing, damaged, of another model or incomplete; or
-            `transformers` is not installed.
+        WeightsError: folder or safetensors are missing, damaged, of another model or incomplete;
+            or `transformers` is not installed.
     """
     folder = Path(folder)
     _check_folder(folder, model_type, what)
+    # Load it.
     try:
         import transformers
     except ImportError as error:
@@ -36,6 +38,7 @@ def load_pretrained(folder: Path, model_type: str, architecture: str, what: str)
     except Exception as error:  # a library's choice: OSError, ValueError, its own
         raise WeightsError(f"{folder} cannot be loaded as {what}: "
                            f"{str(error).splitlines()[0]}") from error
+    # Refuse it where tensors are missing, which the library would initialise at random.
     lacking = sorted(str(k) for k in [*report["missing_keys"], *report["mismatched_keys"]])
     if lacking:
         raise WeightsError(f"{folder} lacks {len(lacking)} tensors, first {lacking[0]}; "
@@ -44,6 +47,7 @@ def load_pretrained(folder: Path, model_type: str, architecture: str, what: str)
 
 
 def _check_folder(folder: Path, model_type: str, what: str) -> None:
+    """Refuses a folder that holds no model of that type."""
     if not folder.is_dir():
         raise WeightsError(f"no folder {folder}; expected one with {what}")
     config = folder / "config.json"

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Counts a recorded bag in one process, with no ROS running: `replay --direct`.
 
+From Python::
+
     from stack_counter.bag.replay import count_bag
     result = count_bag("bags/demo", unit_volume=6.00488e-6)  # m3 of one part
     print(result.count, result.count_interval)

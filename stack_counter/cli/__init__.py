@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command `stack-counter`."""
 
 from stack_counter.cli.main import main

@@ -164,7 +164,7 @@ def _tuning_line(tuning: Tuning) -> str:
 
 
 def _gamma_lines(model: GammaModel) -> str:
-    """gamma over fills, and what it depends on."""
+    """Lines that say gamma over fills, and what it depends on."""
     width = 6.0
     lines = [f"gamma at a fill of {height} part lengths, {width:g} wide: {gamma:.3f} +- {std:.3f}"
              for height in (1, 2, 4, 8) for gamma, std in [model.gamma_at(height, width)]]
@@ -236,12 +236,15 @@ def _undo_calibration(part: Part, path: Path) -> int:
 
 def _print_calibration(calibration: Calibration, part: Part, bag: Path, path: Path) -> None:
     """Prints what a counted bin says; `part` is as it was before."""
+    from stack_counter.display.report import reason_lines
+
     estimate = calibration.count_without_it
     low, high = estimate.count_interval
     print(f"{bag}: {calibration.scan.count} parts; without this bin it would have been "
           f"{estimate.count}, between {low} and {high}")
     if estimate.reasons:
-        print(f"note: this scan is worth less by {', '.join(estimate.reasons)}")
+        print("\n".join([f"note: this scan is worth less by {', '.join(estimate.reasons)}",
+                         *reason_lines(estimate.reasons)]))
     if calibration.drifted:
         print(f"warning: {abs(calibration.drift):.1f} standard deviations off the "
               f"counted bins before ({len(part.counted)}): has the part, the rig or the count "

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is known of one part, and what that tells about gamma."""

@@ -179,7 +179,7 @@ class GammaModel:
         return float((scan.log_gamma_counted - expected[t]) / np.sqrt(spread[t, t]))
 
     def gamma_at(self, height: float, width: float) -> tuple[float, float]:
-        """gamma of a fill before any scan of it, and its standard deviation.
+        """Predicts gamma of a fill before any scan of it, and its standard deviation.
 
         Args:
             height: of the fill, part lengths.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every way in which a file of messages can be cut, mixed or damaged."""
 
 import random

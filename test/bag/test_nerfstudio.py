@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Imported scenes: axes, labels, distortion; and the real one where it is at hand."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings of scan after scan: bounded, and never in the way of the scan."""
 
 import os

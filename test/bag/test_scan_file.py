@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The file of one scan: what other tools read in it, and what is left of it when it is cut."""
 
 import random

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is written, rosbags reads; and what rosbags writes, the reader reads."""
 
 from dataclasses import replace

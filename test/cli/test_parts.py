@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command `part`: from a mesh to a corrected count, and what it refuses."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings made in code: a filled bin seen by an arm, with every part open to damage."""
 
 from __future__ import annotations

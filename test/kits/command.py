@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line, run within the test."""
 
 from stack_counter.cli import main

@@ -1,11 +1,14 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parts, their models and scans of them, for tests of what is known of a part."""
 
 import dataclasses
 
 import numpy as np
 
+from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import CountedScan
 from stack_counter.parts.gamma_model import FEATURES, GammaModel, Reading
+from stack_counter.parts.part_models import PartModels
 from stack_counter.teaching.simulated_piles import PileScan
 from stack_counter.types import (
     Container,
@@ -76,3 +79,17 @@ def simulated_readings(count, seed=0, far=0):
             PileScan(Reading(height, width, true - 0.1 + noise[1], true + noise[0]), 0.02, mu)
         )
     return out
+
+
+def part_with_piles(folder):
+    """A part whose simulated piles were read by `ConstantEstimator`; its file is in a folder."""
+    PartModels("network 7", gamma_model_with_signal(0.1), gamma_model(0.2), "64 piles").write(
+        folder / "nut.json")
+    return Part(V, "nut", gamma_prior=folder / "nut.json")
+
+
+def counted_at(gamma, **changes):
+    """A counted scan of `stack_volume_of_box` that found this gamma; the estimator says 0.5."""
+    return dataclasses.replace(
+        COUNTED, log_gamma=float(np.log(gamma)), said=float(np.log(0.5)), height=3.0, width=9.0,
+        inner_size_m=SIZE, **changes)

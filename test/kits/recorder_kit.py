@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages for the recorder, and ways to look at what it has written."""
 
 import time

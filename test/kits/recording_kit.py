@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages and bags made in code, by rosbags: the library that the reader does not use."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One part's Gaussian: what is joined by which weight, and what a counted scan teaches."""
 
 import dataclasses
@@ -6,9 +7,8 @@ import numpy as np
 import pytest
 from kits.known_parts import gamma_model, gamma_model_with_signal
 
-from stack_counter.errors import PartError, ScanError
+from stack_counter.errors import ScanError
 from stack_counter.parts.gamma_model import Reading, fill_features, fill_size
-from stack_counter.parts.part_models import PartModels, read_models
 from stack_counter.types import Container, HeightMap, StackVolume, ViewTally
 
 SCAN = Reading(3.0, 6.0, np.log(0.5))
@@ -78,26 +78,6 @@ def test_gamma_over_fills_and_what_it_depends_on():
     assert made.per_tenth_of_friction == pytest.approx(np.exp(-0.03) - 1)
     assert made.covers(SCAN) and not made.covers(Reading(0.3, 6.0))
     assert fill_features(np.array([0.5]), np.array([4.0])).tolist() == [[1.0, 1.0, 0.25]]
-
-
-def test_models_survive_a_file(tmp_path):
-    path = tmp_path / "parts" / "a.json"
-    made = PartModels("network 7", gamma_model(), gamma_model(0.2), "64 piles")
-    made.write(path)
-    again = read_models(path)
-    assert (again.estimator, again.made) == ("network 7", "64 piles")
-    assert again.one_side.posterior(SCAN).std == pytest.approx(made.one_side.posterior(SCAN).std,
-                                                             rel=1e-4)
-
-
-@pytest.mark.parametrize("text", ["", "{}", '{"format": "other"}', "[1]", "\x00"])
-def test_another_file_is_refused(tmp_path, text):
-    path = tmp_path / "a.json"
-    path.write_text(text)
-    with pytest.raises(PartError, match="is no gamma prior"):
-        read_models(path)
-    with pytest.raises(PartError, match="no gamma prior"):
-        read_models(tmp_path / "none.json")
 
 
 def test_the_size_of_a_stack_is_in_part_lengths():

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """v from pieces that lie apart on a table."""
 
 from dataclasses import replace
