@@ -55,7 +55,7 @@ class StackCounter:
     def start(self, unit_volume: float = 0.0) -> None:
         """Forgets the last scan. `unit_volume`, m3, helps to choose voxels; 0 if not known."""
         self._unit_volume = unit_volume
-        self._labels.reset()
+        self._labels.start()
         self._scan: DepthReconstruction | PictureReconstruction | None = None
         self._received, self._skipped = 0, Counter[str]()
         self._stages = StageTimer()
@@ -73,7 +73,7 @@ class StackCounter:
                     raise ViewError("too_many_views", f"{len(self.views)} views already; expected "
                                                       f"at most {self._config.max_views}")
                 view = geometry.rectify(view)  # 1. A pinhole camera.
-                self._labels.take(view)  # 2. It has what the segmenter works on.
+                self._labels.check_view(view)  # 2. It has what the segmenter works on.
                 scan = self._scan or self._begin_scan(view)
                 scan.add(view)  # 3. Fused and carved (depth), or kept (pictures).
                 self._scan = scan

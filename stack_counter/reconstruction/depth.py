@@ -28,8 +28,8 @@ from stack_counter.reconstruction.plausibility import (
 from stack_counter.reconstruction.stack_volume import measure_stack
 from stack_counter.reconstruction.view_memory import ViewMemory
 from stack_counter.segmentation import Segmenter
-from stack_counter.segmentation.from_container import Geometric
-from stack_counter.segmentation.labels import GivenLabels
+from stack_counter.segmentation.from_container import ContainerSegmenter
+from stack_counter.segmentation.labels import GivenLabelSegmenter
 from stack_counter.segmentation.scan_labels import ScanLabels
 from stack_counter.types import KeyView, Reason, StackVolume, View, ViewTally
 
@@ -69,7 +69,7 @@ class DepthReconstruction:
         self._second_container: str | None = None
         self._label_images_given = False
         self.refused_late: list[ViewError] = []
-        self.segmenter: Segmenter = GivenLabels()
+        self.segmenter: Segmenter = GivenLabelSegmenter()
         self.stack: MeasuredStack | None = None
 
     @property
@@ -110,7 +110,7 @@ class DepthReconstruction:
             ScanError: the prompts cannot be carried to all views.
         """
         self._memory.replace_all(labels.label(self.views))
-        self._label_images_given = labels.on_views
+        self._label_images_given = labels.given_with_views
 
     def measure(self, taught: TaughtContainer | None) -> StackVolume:
         """Finds the container, then V over its opening.
@@ -148,8 +148,8 @@ class DepthReconstruction:
         stack = measure_stack(surface, found.container, region, voxel_size,
                               taught is not None or config.container_floor_m > 0, one_side)
         self.stack = stack
-        self.segmenter = GivenLabels() if self._label_images_given \
-            else Geometric(stack.container, region)
+        self.segmenter = GivenLabelSegmenter() if self._label_images_given \
+            else ContainerSegmenter(stack.container, region)
         return StackVolume(
             stamp_ns=max(v.stamp_ns for v in views), stack_volume=stack.stack_volume,
             stack_volume_std=stack.stack_volume_std, container=stack.container,

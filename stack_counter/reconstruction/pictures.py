@@ -23,7 +23,7 @@ from stack_counter.reconstruction.depth import DepthReconstruction
 from stack_counter.reconstruction.key_view import find_key_view
 from stack_counter.reconstruction.view_memory import ViewMemory
 from stack_counter.segmentation import Segmenter
-from stack_counter.segmentation.labels import GivenLabels, require_labels
+from stack_counter.segmentation.labels import GivenLabelSegmenter, require_labels
 from stack_counter.segmentation.scan_labels import ScanLabels
 from stack_counter.types import (
     PARTS,
@@ -57,7 +57,7 @@ class PictureReconstruction:
         self._config, self._unit_volume = config, unit_volume
         self._memory = ViewMemory(config.live)
         self.stereo: StereoScan | None = None
-        self.segmenter: Segmenter = GivenLabels()
+        self.segmenter: Segmenter = GivenLabelSegmenter()
 
     @property
     def views(self) -> list[View]:

@@ -1,4 +1,5 @@
-"""Who says which pixel shows parts: the `Segmenter` protocol and its implementations."""
+# SPDX-License-Identifier: Apache-2.0
+"""Which pixel shows parts: the `Segmenter` protocol and its implementations."""
 
 from __future__ import annotations
 
@@ -10,8 +11,9 @@ from stack_counter.types import View
 
 
 class Segmenter(Protocol):
-    """Labels a view."""
+    """Labels one view at a time."""
 
     def segment(self, view: View, stride: int = 1) -> np.ndarray:
-        """(h, w) uint8 label image of every `stride`-th pixel (0, 1, 2; 255 not known)."""
+        """Returns the (h, w) uint8 label image of every `stride`-th pixel (0, 1, 2; 255 unknown).
+        """
         ...

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Prompts: what an operator marks in the first view of a scan, and the file that holds it.
 
 A prompts file is YAML or JSON; all numbers are pixels (x right, y down) of the first view as the
@@ -24,7 +25,8 @@ import yaml
 
 from stack_counter.errors import ConfigError
 
-_SHAPES = {"boxes": 4, "points": 2}  # numbers in one of each
+# Number of coordinates in a mark.
+_COORDINATES = {"boxes": 4, "points": 2}
 _MARKS = {"parts": ("boxes", "points"), "container": ("boxes", "points"),
           "background": ("points",)}
 
@@ -33,13 +35,16 @@ class PromptError(ConfigError):
     """Prompts are missing, malformed or off the image. The user marks the first view again."""
 
 
-def _no(numbers: int) -> Any:
-    return field(default_factory=lambda: np.zeros((0, numbers)))
+def _no_marks(coordinates: int) -> Any:
+    """Returns a field that holds no marks by default."""
+    return field(default_factory=lambda: np.zeros((0, coordinates)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Prompts:
-    """Marks in the first view, pixels of the full image. Raises PromptError if no part is marked.
+    """Marks in the first view, pixels of the full image.
+
+    Raises PromptError if no part is marked.
 
     Attributes:
         part_boxes, container_boxes: (n, 4) float64: x0, y0, x1, y1; several of one class are one
@@ -47,11 +52,11 @@ class Prompts:
         part_points, container_points, background_points: (n, 2) float64: x, y.
     """
 
-    part_boxes: np.ndarray = _no(4)
-    part_points: np.ndarray = _no(2)
-    container_boxes: np.ndarray = _no(4)
-    container_points: np.ndarray = _no(2)
-    background_points: np.ndarray = _no(2)
+    part_boxes: np.ndarray = _no_marks(4)
+    part_points: np.ndarray = _no_marks(2)
+    container_boxes: np.ndarray = _no_marks(4)
+    container_points: np.ndarray = _no_marks(2)
+    background_points: np.ndarray = _no_marks(2)
 
     def __post_init__(self) -> None:
         if not len(self.part_boxes) + len(self.part_points):
@@ -63,7 +68,7 @@ class Prompts:
         return len(self.container_boxes) + len(self.container_points) > 0
 
     def scaled(self, scale: np.ndarray) -> Prompts:
-        """The same marks in an image resized by these factors (x, y)."""
+        """Returns the same marks in an image resized by these factors (x, y)."""
         # Pixel centres lie on whole numbers.
         return Prompts(*(((marks.reshape(-1, 2) + 0.5) * scale - 0.5).reshape(marks.shape)
                          for marks in self.__dict__.values()))
@@ -83,7 +88,7 @@ class Prompts:
 
 
 def parse_prompts(document: Any) -> Prompts:
-    """Prompts from what a file, parameter or service request holds; the module says how.
+    """Parses what a file, parameter or service request holds; the module's docstring has the form.
 
     Raises:
         PromptError: unknown key, wrong type, a box without area, or no part marked.
@@ -101,20 +106,21 @@ def parse_prompts(document: Any) -> Prompts:
             if kind not in _MARKS[name]:
                 raise PromptError(f"unknown key '{kind}' under '{name}'; expected "
                                   f"{' or '.join(_MARKS[name])}")
-            marks[name, kind] = _numbers(f"{name}.{kind}", values, _SHAPES[kind])
+            marks[name, kind] = _parse_marks(f"{name}.{kind}", values, _COORDINATES[kind])
 
     def get(name: str, kind: str) -> np.ndarray:
-        return marks.get((name, kind), np.zeros((0, _SHAPES[kind])))
+        return marks.get((name, kind), np.zeros((0, _COORDINATES[kind])))
 
     return Prompts(get("parts", "boxes"), get("parts", "points"), get("container", "boxes"),
                    get("container", "points"), get("background", "points"))
 
 
 def read_prompts(source: str) -> Prompts:
-    """Prompts from a setting: the path of a YAML or JSON file, or its text in braces.
+    """Reads prompts from a setting: the path of a YAML or JSON file, or its text in braces.
 
     Raises:
-        PromptError: as `parse_prompts`, or no such file, or not YAML; names the file.
+        PromptError: there is no such file, it is not YAML, or holds an unknown key, a wrong type,
+            a box without area or no part; the message names the file.
     """
     inline = source.lstrip().startswith("{")
     try:
@@ -128,8 +134,12 @@ def read_prompts(source: str) -> Prompts:
         raise PromptError(f"prompts {source}: {error}") from error
 
 
-def _numbers(name: str, values: Any, count: int) -> np.ndarray:
-    """(n, count) float64 of a list of lists."""
+def _parse_marks(name: str, values: Any, count: int) -> np.ndarray:
+    """Returns (n, count) float64 of a list of lists.
+
+    Raises:
+        PromptError: it is none, or a box has no area.
+    """
     rows = values if isinstance(values, (list, tuple)) else None
     if rows is None or any(not isinstance(row, (list, tuple)) or len(row) != count
                            or not all(_is_number(x) for x in row) for row in rows):

@@ -1,6 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
 """Labels by SAM 2: the prompts of the first view, followed through the views as through a video.
 
-    labels = Sam2(folder).segment_views(views, read_prompts(path))
+    labels = Sam2Segmenter(folder).segment_views(views, read_prompts(path))
 
 The weights are the user's: a local folder with `config.json` and safetensors, as
 `transformers` saves a `Sam2VideoModel`. Nothing is downloaded.
@@ -25,11 +26,12 @@ from stack_counter.types import BACKGROUND, CONTAINER, PARTS, View
 
 # Mean and standard deviation of the colours that SAM 2 was trained with (ImageNet's).
 _MEAN, _STD = np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225])
-_OFF, _ON, _LOW_CORNER, _HIGH_CORNER = 0, 1, 2, 3  # what SAM 2 calls a point
+# Kinds of points, by SAM 2's numbers.
+_OFF, _ON, _LOW_CORNER, _HIGH_CORNER = 0, 1, 2, 3
 
 
-class Sam2:
-    """A loaded model."""
+class Sam2Segmenter:
+    """Labels the views of a scan by a SAM 2 video model."""
 
     def __init__(self, folder: Path):
         """Loads the weights.
@@ -81,7 +83,7 @@ class Sam2:
         return labels
 
     def _pixels(self, view: View) -> torch.Tensor:
-        """(3, height, width) float32 of the model's size, colours as in its training."""
+        """Returns (3, height, width) float32 of the model's size, colours as in its training."""
         assert view.color is not None  # for the type checker: `check_views`
         shrinks = view.color.shape[0] > self._height
         small = cv2.resize(view.color, (self._width, self._height), interpolation=cv2.INTER_AREA
@@ -89,6 +91,7 @@ class Sam2:
         return torch.from_numpy(np.moveaxis((small / 255 - _MEAN) / _STD, -1, 0)).float()
 
     def _add_prompts(self, session: Any, prompts: Prompts, first: View) -> None:
+        """Adds the marks in the first view to a session; marks of one class exclude the others."""
         scale = np.array([self._width / first.intrinsics.width,
                           self._height / first.intrinsics.height])
         others = [prompts.background_points, prompts.container_points]
@@ -110,7 +113,7 @@ class Sam2:
 
 
 def _label_image(masks: dict[int, np.ndarray], view: View) -> np.ndarray:
-    """(h, w) uint8 from log odds, (n, m) float32, by class."""
+    """Returns the (h, w) uint8 labels of a view from log odds, (n, m) float32, by class."""
     k = view.intrinsics
     labels = np.full((k.height, k.width), BACKGROUND, np.uint8)
     for number in (CONTAINER, PARTS):

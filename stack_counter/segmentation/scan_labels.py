@@ -1,4 +1,5 @@
-"""The labels of a scan as the settings want them: `segmenter`, `prompts` and `sam2_weights`."""
+# SPDX-License-Identifier: Apache-2.0
+"""The label images of a scan, by the settings `segmenter`, `prompts` and `sam2_weights`."""
 
 from __future__ import annotations
 
@@ -11,23 +12,23 @@ import numpy as np
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ConfigError, ViewError
-from stack_counter.segmentation.prompted.segmenter import Prompted
+from stack_counter.segmentation.prompted.segmenter import PromptedSegmenter
 from stack_counter.segmentation.prompts import PromptError, Prompts, read_prompts
 from stack_counter.types import View
 
-_BY_PROMPTS = ("prompted", "sam2")
+_PROMPTED_KINDS = ("prompted", "sam2")
 
 
-class PromptSegmenter(Protocol):
+class ScanSegmenter(Protocol):
     """Labels all views of a scan from prompts in the first of them."""
 
     def segment_views(self, views: Sequence[View], prompts: Prompts) -> list[np.ndarray]:
-        """(h, w) uint8 label images (0, 1, 2), one for each view."""
+        """Returns (h, w) uint8 label images (0, 1, 2), one for each view."""
         ...
 
 
 class ScanLabels:
-    """Says what the views of one scan need, and gives them their label images."""
+    """Checks what the views of one scan must have, and gives them their label images."""
 
     def __init__(self, config: ReconstructorConfig):
         """Reads prompts and weights.
@@ -39,36 +40,37 @@ class ScanLabels:
         """
         self._kind = "prompted" if config.segmenter == "auto" and config.prompts \
             else config.segmenter
-        if self._kind in _BY_PROMPTS and not config.prompts:
+        if self._kind in _PROMPTED_KINDS and not config.prompts:
             raise ConfigError(f"segmenter is '{config.segmenter}' and prompts is empty; expected "
                               "a prompts file")
-        if config.prompts and self._kind not in _BY_PROMPTS:
+        if config.prompts and self._kind not in _PROMPTED_KINDS:
             raise ConfigError(f"prompts is set and segmenter is '{config.segmenter}'; expected "
                               "auto, prompted or sam2")
-        self._first: View | None = None  # whole: prompts are pixels of it
+        self._first: View | None = None  # not cropped: prompts are its pixels
         self._prompts = read_prompts(config.prompts) if config.prompts else None
-        self._segmenter: PromptSegmenter | None = None
+        self._segmenter: ScanSegmenter | None = None
         if self._prompts is not None:
-            self._segmenter = _sam2(config) if self._kind == "sam2" else Prompted(config)
+            self._segmenter = _load_sam2(config) if self._kind == "sam2" \
+                else PromptedSegmenter(config)
 
     @property
-    def on_views(self) -> bool:
-        """Whether the label images on the views count even where there is depth."""
+    def given_with_views(self) -> bool:
+        """Whether the views' own label images are used even where there is depth."""
         return self._segmenter is not None or self._kind == "labels"
 
-    def reset(self) -> None:
-        """Forgets the first view."""
+    def start(self) -> None:
+        """Starts a scan: forgets the first view of the last one."""
         self._first = None
 
-    def take(self, view: View) -> None:
-        """Looks at the next view of the scan, before anything is cut from it.
+    def check_view(self, view: View) -> None:
+        """Refuses a view that cannot be labelled, and keeps the first one for its prompts.
 
         Args:
-            view: rectified.
+            view: the next of the scan, rectified and not yet cropped.
 
         Raises:
-            ViewError: it lacks what the segmenter works on: reasons `no_color`, `no_labels` or
-                `no_depth`; or `bad_prompts`, if it is the first and the prompts do not fit it.
+            ViewError: the view lacks what the segmenter works on: reason `no_color`, `no_labels`
+                or `no_depth`; or `bad_prompts`, if it is the first and the prompts do not fit it.
         """
         if self._prompts is not None:
             if view.color is None:
@@ -87,27 +89,33 @@ class ScanLabels:
             raise ViewError("no_depth", "neither depth nor label image; expected one of them")
 
     def label(self, views: list[View]) -> list[View]:
-        """The views with label images from the prompts; unchanged if there are none.
+        """Returns the views with label images from the prompts; unchanged if there are none.
 
         Args:
-            views: those taken, in order; they may be cut to what matters.
+            views: those that were checked, in order; they may be cropped since.
 
         Raises:
             ScanError: no support plane in depth views; or no depth and one direction of sight.
         """
         if self._segmenter is None or self._prompts is None or self._first is None:
             return views
-        # Prompts are pixels of the first view as it was taken: where it is cut now, that one goes
+        # Prompts are pixels of the whole first view: where it is cropped now, the whole one goes
         # ahead of all.
         ahead = [] if views[0].color is self._first.color else [self._first]
         labels = self._segmenter.segment_views([*ahead, *views], self._prompts)[len(ahead):]
         return [replace(view, labels=image) for view, image in zip(views, labels)]
 
 
-def _sam2(config: ReconstructorConfig) -> PromptSegmenter:
+def _load_sam2(config: ReconstructorConfig) -> ScanSegmenter:
+    """Loads the SAM 2 weights that the settings name.
+
+    Raises:
+        ConfigError: the settings name none.
+        WeightsError: they are missing or damaged.
+    """
     if not config.sam2_weights:
         raise ConfigError("segmenter is 'sam2' and sam2_weights is empty; expected a folder with "
                           "a SAM 2 video model")
-    from stack_counter.segmentation.sam2 import Sam2  # torch takes seconds
+    from stack_counter.segmentation.sam2 import Sam2Segmenter  # torch takes seconds
 
-    return Sam2(Path(config.sam2_weights))
+    return Sam2Segmenter(Path(config.sam2_weights))

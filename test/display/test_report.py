@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures and files of a report, against what was put in."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Views of balls in a box in three colours, with their true labels and what a user would mark."""
 
 from __future__ import annotations

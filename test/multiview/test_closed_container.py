@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Carving by labels and depth against closed forms."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures and labels without depth, through the whole of `StackCounter`."""
 
 from dataclasses import replace

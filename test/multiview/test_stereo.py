@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Depth from pictures against closed forms: a solid whose texture is a function of space."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which way is up, and the support that background shows, against closed forms."""
 
 from dataclasses import replace

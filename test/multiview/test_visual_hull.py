@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Carving by labels alone, against closed forms."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAM 2 with a tiny random configuration: loading, shapes, labels, refusals."""
 
 import json
@@ -13,7 +14,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ConfigError, ViewError, WeightsError
 from stack_counter.pipeline import StackCounter
 from stack_counter.segmentation.prompts import PromptError, parse_prompts
-from stack_counter.segmentation.sam2 import Sam2, _label_image
+from stack_counter.segmentation.sam2 import Sam2Segmenter, _label_image
 from stack_counter.types import CONTAINER, PARTS
 
 transformers = pytest.importorskip("transformers", reason="SAM 2 needs the extra models")
@@ -55,7 +56,7 @@ def test_labels_every_view(folder):
     views = bin_views()[:3]
     small = replace(CAMERA, width=100, height=90)  # as a view cut to the region of interest
     views[2] = replace(views[2], intrinsics=small, color=views[2].color[:90, :100], depth=None)
-    labels = Sam2(folder).segment_views(views, PROMPTS)
+    labels = Sam2Segmenter(folder).segment_views(views, PROMPTS)
     assert [image.shape for image in labels] == [(120, 160), (120, 160), (90, 100)]
     assert all(image.dtype == np.uint8 and set(np.unique(image)) <= {0, 1, 2} for image in labels)
 
@@ -69,7 +70,7 @@ def test_parts_win_over_the_container_that_holds_them():
 
 
 def test_prompts_and_views_that_do_not_fit(folder):
-    model, views = Sam2(folder), bin_views()[:2]
+    model, views = Sam2Segmenter(folder), bin_views()[:2]
     with pytest.raises(PromptError, match="outside of the 160x120 image"):
         model.segment_views(views, parse_prompts({"parts": {"points": [[161, 3]]}}))
     with pytest.raises(ViewError, match="no_color"):
@@ -84,14 +85,14 @@ def copied(folder, out):
 
 def test_folders_that_hold_no_such_model(folder, tmp_path):
     with pytest.raises(WeightsError, match="no folder .*none"):
-        Sam2(tmp_path / "none")
+        Sam2Segmenter(tmp_path / "none")
     with pytest.raises(WeightsError, match="no config.json"):
-        Sam2(tmp_path)
+        Sam2Segmenter(tmp_path)
     copied(folder, tmp_path)
     config = json.loads((tmp_path / "config.json").read_text())
     (tmp_path / "config.json").write_text(json.dumps({**config, "model_type": "sam"}))
     with pytest.raises(WeightsError, match="model type 'sam'; expected 'sam2_video'"):
-        Sam2(tmp_path)
+        Sam2Segmenter(tmp_path)
 
 
 def test_weights_are_safetensors_and_whole(folder, tmp_path):
@@ -101,13 +102,13 @@ def test_weights_are_safetensors_and_whole(folder, tmp_path):
     del tensors[gone]
     save_file(tensors, weights, {"format": "pt"})
     with pytest.raises(WeightsError, match="lacks 1 tensors"):
-        Sam2(tmp_path)
+        Sam2Segmenter(tmp_path)
     weights.write_bytes(weights.read_bytes()[:2000])
     with pytest.raises(WeightsError, match="cannot be loaded"):
-        Sam2(tmp_path)
+        Sam2Segmenter(tmp_path)
     weights.rename(tmp_path / "pytorch_model.bin")
     with pytest.raises(WeightsError, match="no .safetensors"):
-        Sam2(tmp_path)
+        Sam2Segmenter(tmp_path)
 
 
 def test_the_pipeline_labels_by_sam2(folder):

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Class models that learn while they label: histograms of what a pixel looks like.
 
 Histograms rather than Gaussian mixtures: they take soft labels, and views are added one by one.
@@ -60,7 +61,7 @@ def color_bins(color: np.ndarray) -> list[np.ndarray]:
             _BRIGHTNESS.bins(((red + green + blue) / 3 - low) / (high - low))]
 
 
-class Likelihood:
+class ColorModels:
     """How often each class had a pixel's bins in what was labelled so far."""
 
     def __init__(self) -> None:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Labels carried by depth: every pixel is a point, and voxels of the world keep its votes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The first view: prompts say what may be what, and colours are learnt and used in turn."""
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ import numpy as np
 from stack_counter.segmentation.prompted.color_models import (
     CLASSES,
     NEVER,
-    Likelihood,
+    ColorModels,
     posterior,
     smoothed,
 )
@@ -52,7 +53,7 @@ def prompted_prior(background: np.ndarray, prompts: Prompts) -> tuple[np.ndarray
 
 
 def label_first(color: np.ndarray, bins: list[np.ndarray], prior: np.ndarray, points: np.ndarray,
-                looks: Likelihood) -> np.ndarray:
+                looks: ColorModels) -> np.ndarray:
     """Labels the first view while the class models are learnt from it.
 
     Args:

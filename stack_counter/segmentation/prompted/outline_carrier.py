@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Labels carried without depth: a coarse grid of space that outlines of other views leave."""
 
 from __future__ import annotations

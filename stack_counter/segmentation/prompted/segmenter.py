@@ -1,6 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
 """Labels from prompts in the first view, carried to all views by their poses; no weights needed.
 
-    labels = Prompted(config).segment_views(views, read_prompts(path))
+    labels = PromptedSegmenter(config).segment_views(views, read_prompts(path))
 
 The first view: the prompts say what may be what, and colour models of background, container and
 parts are learnt and used in turn. Every other view: what the views before it say of the same
@@ -22,7 +23,7 @@ from stack_counter.errors import ViewError
 from stack_counter.fusion.region import find_region
 from stack_counter.segmentation.prompted.color_models import (
     NEVER,
-    Likelihood,
+    ColorModels,
     color_bins,
     smoothed,
 )
@@ -35,7 +36,7 @@ from stack_counter.types import View
 _LARGEST = 640  # longest side of the images that are worked on, pixels
 
 
-class Prompted:
+class PromptedSegmenter:
     """Colour models and poses; depth where all views have it."""
 
     def __init__(self, config: ReconstructorConfig):
@@ -91,7 +92,7 @@ def _carry(views: list[View], carrier: DepthCarrier | OutlineCarrier, prompts: P
            ) -> list[np.ndarray]:
     """(3, h, w) float32 probabilities for every view."""
     colors = [view.color for view in views if view.color is not None]
-    looks, bins = Likelihood(), [color_bins(color) for color in colors]
+    looks, bins = ColorModels(), [color_bins(color) for color in colors]
     asked, points = prompted_prior(carrier.background(views[0]), prompts)
     found = [label_first(colors[0], bins[0], asked, points, looks)]
     carrier.add(views[0], found[0])

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Labels from prompts on scenes in closed form, through the segmenter and through the pipeline."""
 
 import json
@@ -10,7 +11,7 @@ from kits.painted import SMALL, marks, painted, unlabelled
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ConfigError, ScanError, ViewError
 from stack_counter.pipeline import StackCounter
-from stack_counter.segmentation.prompted.segmenter import Prompted
+from stack_counter.segmentation.prompted.segmenter import PromptedSegmenter
 from stack_counter.segmentation.prompts import parse_prompts
 from stack_counter.types import CONTAINER, PARTS
 
@@ -29,7 +30,7 @@ def outline_bound(labels, value):
 @pytest.mark.parametrize("depth", [True, False])
 def test_prompts_of_the_first_view_label_all(depth):
     views = painted(depth=depth)
-    found = Prompted(ReconstructorConfig()).segment_views(
+    found = PromptedSegmenter(ReconstructorConfig()).segment_views(
         unlabelled(views), parse_prompts(marks(views[0].labels)))
     for view, labels in zip(views, found):
         for value in (PARTS, CONTAINER):
@@ -41,9 +42,9 @@ def test_points_do_without_boxes():
     views = painted()
     middles = [np.argwhere(views[0].labels == value) for value in (PARTS, CONTAINER)]
     points = [[m[len(m) * i // 7][::-1].tolist() for i in (2, 3, 5)] for m in middles]
-    found = Prompted(ReconstructorConfig()).segment_views(unlabelled(views), parse_prompts(
-        {"parts": {"points": points[0]}, "container": {"points": points[1]},
-         "background": {"points": [[3, 3], [196, 146]]}}))
+    prompts = parse_prompts({"parts": {"points": points[0]}, "container": {"points": points[1]},
+                             "background": {"points": [[3, 3], [196, 146]]}})
+    found = PromptedSegmenter(ReconstructorConfig()).segment_views(unlabelled(views), prompts)
     for view, labels in zip(views, found):
         assert iou(labels == PARTS, view.labels == PARTS) > outline_bound(view.labels, PARTS)
 
@@ -107,8 +108,8 @@ def test_views_that_cannot_be_labelled():
 def test_one_direction_of_sight_has_no_hull():
     view = painted(count=1, depth=False)[0]
     with pytest.raises(ScanError, match="along one direction"):
-        Prompted(ReconstructorConfig()).segment_views([view, view],
-                                                      parse_prompts(marks(view.labels)))
+        PromptedSegmenter(ReconstructorConfig()).segment_views(
+            [view, view], parse_prompts(marks(view.labels)))
 
 
 @pytest.mark.parametrize("settings, said", [
