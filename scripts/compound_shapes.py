@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from stack_counter.sim.shapes import SIZES_M, Shape, ShapeError, shape_from_mesh
-from stack_counter.sim.shapes.held_out.compound import GENERATORS, make_solid
+from stack_counter.sim.shapes.extra.compound import GENERATORS, make_solid
 from stack_counter.sim.shapes.library import write_library
 
 # Parts of a family; of one part the largest number of faces, the least share of the cube of its

@@ -4,7 +4,7 @@
     python scripts/join_unseen_shapes.py FOLDER
 
 FOLDER holds what catalogue_shapes.py and package_shapes.py wrote: SOURCE/FAMILY/VARIANT.stl. The
-hand-written solids come from stack_counter.sim.shapes.held_out.unseen. Bodies that touch are
+hand-written solids come from stack_counter.sim.shapes.extra.unseen. Bodies that touch are
 fused, dents and bumps below a few thousandths of the part size go, and what is then no single
 watertight body is refused: one line each.
 """
@@ -21,7 +21,7 @@ import trimesh
 from manifold3d import Error, Manifold, Mesh, OpType
 
 from stack_counter.sim.shapes import FAMILIES, SIZES_M, Shape, ShapeError, shape_from_mesh
-from stack_counter.sim.shapes.held_out.unseen import GENERATORS, make_solid
+from stack_counter.sim.shapes.extra.unseen import GENERATORS, make_solid
 from stack_counter.sim.shapes.library import save_shapes
 
 _OUT = Path(__file__).parent.parent / "data/unseen/shapes.npz"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes docs/reasons.md, the page of all reasons, from the enum of them.
 
-    python scripts/reasons_page.py
+python scripts/reasons_page.py
 """
 
 from pathlib import Path

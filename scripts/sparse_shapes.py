@@ -17,7 +17,7 @@ import trimesh
 
 from stack_counter.sim.physics.collision import convex_pieces
 from stack_counter.sim.shapes import SIZES_M, Shape, ShapeError, shape_from_mesh
-from stack_counter.sim.shapes.held_out.sparse import GENERATORS, make_solid
+from stack_counter.sim.shapes.extra.sparse import GENERATORS, make_solid
 from stack_counter.sim.shapes.library import write_library
 
 # Parts of a family; largest volume of the convex pieces over that of the part, beyond which wires

@@ -21,8 +21,10 @@ NAMESPACE = "/stack_counter"
 
 def _setting(default: Any, doc: str, low: float | None = None, high: float | None = None,
              choices: tuple[str, ...] = (), runtime: bool = False) -> Any:
-    """A dataclass field that carries its description, its range, and whether it may change while
-    its node is configured."""
+    """Makes a dataclass field with its description and range.
+
+    `runtime` tells whether the setting may change while its node is configured.
+    """
     return field(default=default, metadata={"doc": doc, "low": low, "high": high,
                                             "choices": choices, "runtime": runtime})
 

@@ -59,8 +59,9 @@ def with_reasons(count: StackCount, *reasons: Reason) -> StackCount:
 
 
 def conformal_quantile(scores: np.ndarray, share: float) -> float:
-    """The `share` quantile of a next score, of n that were seen: the k-th smallest with k of
-    share * (n + 1), rounded away from the middle.
+    """The `share` quantile of a next score, of n that were seen.
+
+    The k-th smallest with k of share * (n + 1), rounded away from the middle.
 
     Source: Vovk, Gammerman and Shafer, "Algorithmic Learning in a Random World" (2005).
     """
@@ -71,8 +72,11 @@ def conformal_quantile(scores: np.ndarray, share: float) -> float:
 
 
 def verdict(interval: tuple[int, int], expected: int, tolerance: int) -> str:
-    """`pass` if the whole interval lies within expected +- tolerance, `fail` if none of it does,
-    `unsure` if it straddles a limit; `none` if nothing is expected (0)."""
+    """Judges an interval by what is expected.
+
+    The verdict is `pass` if the whole interval lies within expected +- tolerance, `fail` if none
+    of it does, `unsure` if it straddles a limit, and `none` if nothing is expected (0).
+    """
     low, high = interval
     if expected == 0:
         return "none"

@@ -36,5 +36,6 @@ class ViewError(StackCounterError):
     """
 
     def __init__(self, reason: str, message: str):
+        """Makes the error; its text is `reason: message`."""
         super().__init__(f"{reason}: {message}")
         self.reason = reason

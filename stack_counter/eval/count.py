@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well the whole pipeline counts, and what its interval is worth.
 
-    stack-counter evaluate count --set unseen
+stack-counter evaluate count --set unseen
 """
 
 from __future__ import annotations

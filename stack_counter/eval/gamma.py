@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well gamma is estimated, beside the paper's baselines.
 
-    stack-counter evaluate gamma --set unseen --depth noisy
+stack-counter evaluate gamma --set unseen --depth noisy
 """
 
 from __future__ import annotations

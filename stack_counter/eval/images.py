@@ -147,8 +147,11 @@ def measure_depth_errors(views: Sequence[View], ideal: Sequence[View]) -> DepthE
 
 
 def summarise_errors(rows: Sequence[PictureErrors]) -> dict[str, dict[str, float]]:
-    """Sums up the errors of V by source, over all scenes and by kind of container (mean absolute
-    relative error, bias and 95th percentile), and the means of the depth errors."""
+    """Sums up the errors of V by source, and the means of the depth errors.
+
+    Errors of V are given over all scenes and by kind of container: mean absolute relative error,
+    bias and 95th percentile.
+    """
     summary = {}
     for kind in ("all", *sorted({row.kind for row in rows})):
         chosen = [row for row in rows if kind in ("all", row.kind)]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well the continuous mode follows a robot that takes parts out: one fixed camera, a view
-after each pick.
+"""How well the continuous mode follows a robot that takes parts out.
+
+One fixed camera, a view after each pick.
 
     stack-counter evaluate live --set unseen --scenes 10
 """
@@ -82,8 +83,10 @@ def _count_job(job: tuple) -> list[LiveCount]:
 
 
 def count_while_picking(scene: Scene, picks: int, share: float = 0.0) -> list[LiveCount]:
-    """Counts after each view of a scene that is emptied from the top, one part a pick or so many
-    that `share` of the parts go."""
+    """Counts after each view of a scene that is emptied from the top.
+
+    Each pick takes one part, or so many that `share` of the parts go.
+    """
     parts_a_pick = max(1, round(share * len(scene.poses) / picks))
     taken = min(picks * parts_a_pick, len(scene.poses) - 1)
     states = list(remove_parts(scene, taken))[::parts_a_pick]
@@ -107,8 +110,10 @@ def count_while_picking(scene: Scene, picks: int, share: float = 0.0) -> list[Li
 
 
 def format_table(counts: list[LiveCount]) -> str:
-    """Shares of counts whose interval holds the truth, or what it was one view before; how the
-    count follows; seconds."""
+    """Shares of counts whose interval holds the truth, or what it was one view before.
+
+    How the count follows; seconds.
+    """
     counted = [c for c in counts if c.count is not None]
     lines = [f"{len(counts)} stamps, {len(counts) - len(counted)} without a count",
              _format_line("all", counted)]

@@ -103,6 +103,7 @@ class CachedEstimator(OccupancyEstimator):
     """An estimator that computes the gamma of a scan once."""
 
     def __init__(self, estimator: OccupancyEstimator):
+        """Wraps an estimator."""
         self.name, self._estimator = estimator.name, estimator
         self._estimates: dict[tuple[int, float], OccupancyEstimate] = {}
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well v is known from pieces on a table, of parts that nothing was fitted to.
 
-    stack-counter evaluate template --workers 2
+stack-counter evaluate template --workers 2
 """
 
 from __future__ import annotations

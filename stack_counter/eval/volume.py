@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well V and the container are measured, on noisy recordings of simulated scenes.
 
-    stack-counter evaluate volume --set unseen
+stack-counter evaluate volume --set unseen
 """
 
 from __future__ import annotations

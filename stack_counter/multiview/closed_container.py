@@ -108,7 +108,8 @@ def carve_closed_container(
 
 class _Grid(NamedTuple):
     """Centres (n, 3) of cubic voxels, metres, world; their side, metres; their number along the
-    axes."""
+    axes.
+    """
 
     voxels: np.ndarray
     side: float

@@ -33,7 +33,8 @@ class MonocularDepth:
 
     def nearness(self, color: np.ndarray) -> np.ndarray:
         """(h, w) float32 of a (h, w, 3) uint8 RGB picture: 0 farthest to 1 nearest. What the model
-        gives is affine in the inverse of depth; no scale is known."""
+        gives is affine in the inverse of depth; no scale is known.
+        """
         height, width = color.shape[:2]
         scale = _SHORT_SIDE / min(height, width)
         size = [max(round(n * scale / self._patch), 1) * self._patch for n in (width, height)]

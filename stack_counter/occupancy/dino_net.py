@@ -71,7 +71,8 @@ class DinoNet(nn.Module):
 
 def as_pictures(x: torch.Tensor, side: int) -> torch.Tensor:
     """(b, 3, side, side) float32: the local height from 0, lowest, to 1, in three equal channels;
-    0 where not valid. The paper's networks read a normalised depth map so."""
+    0 where not valid. The paper's networks read a normalised depth map so.
+    """
     valid = x[:, 1:2] > 0  # (b, 1, h, w)
     low = torch.where(valid, x[:, :1], torch.inf).amin((2, 3), keepdim=True)
     high = torch.where(valid, x[:, :1], -torch.inf).amax((2, 3), keepdim=True)

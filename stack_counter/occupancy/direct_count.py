@@ -56,7 +56,8 @@ class DirectCount:
 
 def fit_to_tile(maps: StackMaps) -> StackMaps:
     """The whole stack in the middle of one tile, whatever its parts' size; heights are scaled
-    alike."""
+    alike.
+    """
     scale = _SPAN * TILE / max(maps.valid.shape)
     cols, rows = (max(round(n * scale), 1) for n in maps.valid.shape[::-1])
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR

@@ -35,7 +35,8 @@ _DOWN = 16  # of the feature map
 class NetConfig:
     """Widths of the stages, at strides 2, 4, 8 and 16, residual blocks of each, width of the head,
     whether features are averaged by height (else every place counts alike), and at how many
-    scales, each half as fine, the tile is read."""
+    scales, each half as fine, the tile is read.
+    """
 
     widths: tuple[int, ...] = (32, 64, 96, 128)
     blocks: tuple[int, ...] = (1, 2, 2, 2)
@@ -77,7 +78,8 @@ class GammaNet(nn.Module):
 
     def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """(b, CHANNELS, h, w) float32 of `channels` -> log gamma (b,), log of the scale of its
-        error (b,), form (b, FORM)."""
+        error (b,), form (b, FORM).
+        """
         height = torch.expm1(2 * x[:, 3:4])  # (b, 1, h, w), l
         pooled = [self._pooled(x if i == 0 else functional.avg_pool2d(x, 2**i))
                   for i in range(self.config.scales)]
@@ -134,7 +136,8 @@ def make_net(encoder: str, folder: Path | None) -> nn.Module:
 def save_members(path: Path, members: Sequence[nn.Module], facts: dict[str, str],
                  more: dict[str, torch.Tensor]) -> None:
     """Writes an ensemble of equal networks; `facts` and tensors `more` travel with it. Of a
-    network with DINOv2 the decoder alone is written: the encoder is the user's."""
+    network with DINOv2 the decoder alone is written: the encoder is the user's.
+    """
     first = members[0]
     config = {"encoder": "own", **asdict(first.config)} if isinstance(first, GammaNet) \
         else {"encoder": "dinov2"}
@@ -208,7 +211,8 @@ def _member(config: dict, encoder_folder: Path | None, tensors: dict[str, torch.
 
 def save_tuning(path: Path, weight: np.ndarray, bias: float, of: str) -> None:
     """Writes changes of the members' last layers: of log gamma's weights (members, h) and bias;
-    `of` is the network's name."""
+    `of` is the network's name.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     save_file({"weight": torch.from_numpy(weight), "bias": torch.tensor([bias]).double()}, path,
               metadata={"format": TUNING, "of": of})

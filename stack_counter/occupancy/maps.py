@@ -116,7 +116,8 @@ def crop(maps: StackMaps, row: int, col: int) -> StackMaps:
 def surface_features(maps: StackMaps) -> np.ndarray:
     """(6,) features that say whether a surface is of a kind seen before: logs of mean height, of
     the smaller side, of V in parts, and of how uneven the surface is about its surroundings, from
-    pixel to pixel, and bent."""
+    pixel to pixel, and bent.
+    """
     local, inside = (
         network_channels(maps)[0],
         cv2.erode(maps.valid.astype(np.uint8), np.ones((5, 5))) > 0,
@@ -194,7 +195,8 @@ def _starts(low: int, high: int) -> list[int]:
 
 def _extended(surface: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Surface with cells that are not valid taken from the nearest that is: resampling must not
-    mix in what is not there."""
+    mix in what is not there.
+    """
     if valid.all():
         return surface
     _, names = cv2.distanceTransformWithLabels(

@@ -146,7 +146,8 @@ class NetworkEstimator:
 @dataclass(frozen=True)
 class TrainingDomain:
     """What surfaces were learnt from: the middle of their features (6,), what whitens them (6, 6),
-    and the distance that 99 of 100 of them keep from it (1,)."""
+    and the distance that 99 of 100 of them keep from it (1,).
+    """
 
     middle: np.ndarray
     whiten: np.ndarray
@@ -168,7 +169,8 @@ def _tiled(maps: StackMaps) -> tuple[torch.Tensor, np.ndarray]:
 
 def predict(members: Sequence[nn.Module], maps: StackMaps) -> tuple[float, float, np.ndarray]:
     """Log gamma, the relative standard deviation of gamma, and the part's form (see
-    `GammaNet.forward`): tiles weighted by what stands in them, members alike."""
+    `GammaNet.forward`): tiles weighted by what stands in them, members alike.
+    """
     x, weights = _tiled(maps)
     with torch.inference_mode():
         out = [net(x) for net in members]

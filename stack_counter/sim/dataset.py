@@ -127,8 +127,10 @@ def _digest(library: Path | None) -> str:
 
 
 def _make_shards(run: _Run) -> None:
-    """Makes shards until all are made or have failed, or a worker is killed; those made go from
-    `run.sizes`."""
+    """Makes shards until all are made or have failed, or a worker is killed.
+
+    Those made go from `run.sizes`.
+    """
     remaining = {n: size for n, size in sorted(run.sizes.items()) if n not in run.failed}
     # Spawned: a forked one would inherit the threads of whatever was loaded before.
     with ProcessPoolExecutor(run.workers, mp_context=get_context("spawn")) as pool, \

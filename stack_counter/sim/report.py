@@ -77,8 +77,10 @@ def _read_columns(paths: list[Path]) -> Columns:
 
 
 def _scene_values(scene: Scene) -> dict[str, Any]:
-    """The values of one scene by column: width and depth in part sizes, and the wall as a share
-    of the width, are NaN for a heap."""
+    """The values of one scene by column.
+
+    Width and depth in part sizes, and the wall as a share of the width, are NaN for a heap.
+    """
     container, truth = scene.container, scene.truth
     width, depth = (np.nan, np.nan) if container.kind == "none" \
         else (min(container.inner_size_m[:2]), container.inner_size_m[2])

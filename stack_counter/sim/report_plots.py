@@ -86,8 +86,10 @@ def _plot_complexity(figure: Any, columns: Columns) -> None:
 
 
 def _plot_border(figure: Any, columns: Columns) -> None:
-    """The paper's ratios with and without borders, as in its supplement, "Border Effects"; heaps
-    have no borders."""
+    """The paper's ratios with and without borders, as in its supplement, "Border Effects".
+
+    Heaps have no borders.
+    """
     histograms, comparison = figure.subplots(1, 2)
     full = (columns["kind"] != "none") & (columns["fill"] >= FULL)
     whole, center = columns["gamma_whole"][full], columns["gamma_center"][full]

@@ -92,8 +92,10 @@ def fit_model(piles: Sequence[PileScan], viewpoint: str = "around") -> GammaMode
 
 
 def left_out_error(piles: Sequence[PileScan], viewpoint: str) -> float:
-    """Mean squared error of log gamma, each pile by a model fitted without it; outliers are left
-    out."""
+    """Mean squared error of log gamma, each pile by a model fitted without it.
+
+    Outliers are left out.
+    """
     inliers = [piles[i] for i in _find_inliers(*_regression_data(piles))]
     errors = []
     for left_out in inliers:
@@ -139,8 +141,10 @@ def _conformal_score(model: GammaModel, pile: PileScan) -> float:
 
 
 def _regression_data(piles: Sequence[PileScan]) -> tuple[np.ndarray, np.ndarray]:
-    """(n, FEATURES + 1) features, friction about the middle of its range last; (n, 2) log gamma,
-    counted and estimated."""
+    """(n, FEATURES + 1) features, friction about the middle of its range last.
+
+    (n, 2) log gamma, counted and estimated.
+    """
     friction = np.array([p.friction for p in piles])
     features = fill_features(np.array([p.reading.height for p in piles]),
                              np.array([p.reading.width for p in piles]))

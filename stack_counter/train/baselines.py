@@ -76,7 +76,8 @@ def measure(scene: Scene, views: int = 12) -> Row | None:
 
 def volume_errors(rows: list[Row]) -> dict[str, str]:
     """Mean absolute, mean and 95th percentile of V's relative error, by kind of container, where
-    the container was found for what it is."""
+    the container was found for what it is.
+    """
     out = {}
     for kind in sorted({row.kind for row in rows}):
         found = [r for r in rows if r.kind == kind and r.found == _FOUND[kind]]

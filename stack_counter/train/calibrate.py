@@ -35,7 +35,8 @@ _SOFT = 1e-2  # added to the covariance of the features
 @dataclass(frozen=True)
 class Residual:
     """One scan, counted by a member that had not seen its family: gamma, log of true over
-    estimated count, and the latter's relative standard deviation."""
+    estimated count, and the latter's relative standard deviation.
+    """
 
     scan: Scan
     gamma: float
@@ -77,13 +78,15 @@ def known_from(scans: list[Scan]) -> TrainingDomain:
 
 def center_of(of: list[Residual]) -> float:
     """Median log of true over said gamma, of scans whose container was found: what members say of
-    families that they have not seen is corrected by it."""
+    families that they have not seen is corrected by it.
+    """
     return float(np.median([np.log(r.scan.sample.gamma / r.gamma) for r in of if r.scan.found]))
 
 
 def scores(of: list[Residual]) -> torch.Tensor:
     """(n,) errors after that correction, in the standard deviations that were predicted for them,
-    sorted, of scans whose container was found."""
+    sorted, of scans whose container was found.
+    """
     center = center_of(of)
     return torch.tensor(np.sort([(r.log_count - center) / r.spread for r in of if r.scan.found]))
 

@@ -1,6 +1,6 @@
 """Trains the baseline that says the count straight from the picture.
 
-    python -m stack_counter.train.direct --data data/train-deep:2 ... --scans SCANS --out OUT
+python -m stack_counter.train.direct --data data/train-deep:2 ... --scans SCANS --out OUT
 """
 
 from __future__ import annotations

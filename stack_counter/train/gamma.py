@@ -1,6 +1,6 @@
 """Trains the gamma-network: one member for each fold of families, which it does not see.
 
-    stack-counter train --data data/train-deep data/train-shallow --out out/gamma
+stack-counter train --data data/train-deep data/train-shallow --out out/gamma
 """
 
 from __future__ import annotations

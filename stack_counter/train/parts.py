@@ -65,7 +65,8 @@ def _size(of: Residual) -> tuple[float, float]:
 def volume_errors(of: list[Residual]) -> tuple[np.ndarray, float]:
     """Log V's error: covariance (2, 2) between rigs of the coefficients of 1 and 1 / (h + 1/2),
     and standard deviation within them, by maximum likelihood; of scans less than 15% off: what is
-    farther off has missed its container."""
+    farther off has missed its container.
+    """
     rigs = defaultdict(list)
     for r in of:
         error = np.log(r.scan.volume / r.scan.true_volume)
@@ -148,7 +149,8 @@ def fit(rigs: Rigs) -> GammaModel:
 
 def errors(rigs: Rigs, counted: int) -> tuple[np.ndarray, np.ndarray]:
     """Log errors of scans of rigs left out, when so many other scans of theirs are counted, and
-    the same in standard deviations."""
+    the same in standard deviations.
+    """
     random = np.random.default_rng(0)
     misses, scores = [], []
     for fold in range(_FOLDS):

@@ -1,6 +1,6 @@
 """Fits what `template.py` says of v from pieces on a table, on parts of the training families.
 
-    python -m stack_counter.train.template --scans 600 --workers 2 --kept out/template.npz \
+python -m stack_counter.train.template --scans 600 --workers 2 --kept out/template.npz \
         --out stack_counter/weights/template.json
 """
 

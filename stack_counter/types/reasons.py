@@ -21,6 +21,7 @@ class Reason(str, Enum):
     degrades: bool
 
     def __new__(cls, slug: str, sentence: str = "", degrades: bool = False) -> Reason:
+        """Makes a member whose string value is the slug."""
         reason = str.__new__(cls, slug)
         reason._value_, reason.sentence, reason.degrades = slug, sentence, degrades
         return reason

@@ -49,8 +49,10 @@ class WallShape(ABC):
 
     @abstractmethod
     def depth_inside(self, xy: np.ndarray, below: np.ndarray) -> np.ndarray:
-        """(n,) metres that (n, 2) world points lie inside the outer face, `below` ((n,) metres)
-        the rim; negative outside."""
+        """Distance by which points lie inside the outer face; negative outside.
+
+        (n,) metres for (n, 2) world points, `below` ((n,) metres) the rim.
+        """
 
     @abstractmethod
     def outward_normals(self, xy: np.ndarray) -> np.ndarray:
@@ -126,8 +128,10 @@ class HeightMap:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles: vertices (n, 3) float32 metres, world; triangles (m, 3) int32; colours (n, 3)
-    uint8 RGB or None."""
+    """Triangles: vertices (n, 3) float32 metres, world.
+
+    Triangles (m, 3) int32; colours (n, 3) uint8 RGB or None.
+    """
 
     vertices: np.ndarray
     triangles: np.ndarray

@@ -9,7 +9,7 @@ import pytest
 
 from stack_counter.sim import read_scenes
 from stack_counter.sim.shapes import FAMILIES
-from stack_counter.sim.shapes.held_out import sparse, unseen
+from stack_counter.sim.shapes.extra import sparse, unseen
 
 DATA = Path(__file__).parents[2] / "data"
 

@@ -48,10 +48,11 @@ _BARE = {"bare_s": (16, 8.0), "bare_our_blocks_s": (8, ReconstructorConfig().tru
 
 
 def measure_view_cost(views: list[View]) -> dict[str, float]:
-    """Measures median seconds a view: `fused_s` of `add_view` with the region known, `bare_s` and
-    `bare_our_blocks_s` of Open3D's whole-frame `integrate` with its defaults and with our block
-    size and truncation; and `finish_s` from the last view to V. Of each step the fastest of
-    three rounds counts.
+    """Measures median seconds a view.
+
+    `fused_s` of `add_view` with the region known, `bare_s` and `bare_our_blocks_s` of Open3D's
+    whole-frame `integrate` with its defaults and with our block size and truncation; and
+    `finish_s` from the last view to V. Of each step the fastest of three rounds counts.
 
     Raises:
         ScanError: the views give no V.
@@ -103,8 +104,9 @@ def _time_finish(views: list[View]) -> float:
 
 
 def measure_long_scan_cost(scene: Scene, seed: int) -> dict[str, float]:
-    """Measures a scan of many large views in a process of its own; the figures are those of
-    `long_scan.measure_stored_views`.
+    """Measures a scan of many large views in a process of its own.
+
+    The figures are those of `long_scan.measure_stored_views`.
 
     Raises:
         ScanError: the views give no V.
@@ -123,8 +125,9 @@ def measure_long_scan_cost(scene: Scene, seed: int) -> dict[str, float]:
 
 
 def measure_cost(recordings: list[tuple[Scene, list[View]]], seed: int) -> dict[str, float]:
-    """Measures means over scenes of `measure_view_cost`, the slowest way to V, and a long scan of
-    the first scene.
+    """Measures means over scenes of `measure_view_cost`, the slowest way to V, and a long scan.
+
+    The long scan is of the first scene.
 
     Raises:
         ScanError: V of none of them is found.

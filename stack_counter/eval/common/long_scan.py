@@ -16,8 +16,9 @@ _STEP_NS = 10**9  # between two views
 
 
 def measure_stored_views(folder: Path, intrinsics: Intrinsics) -> dict[str, float]:
-    """Measures the scan of the views in a folder, one file loaded at a time; a colour image comes
-    with each.
+    """Measures the scan of the views in a folder, one file loaded at a time.
+
+    A colour image comes with each.
 
     Args:
         folder: `*.npz` with `depth` ((h, w) uint16, mm) and `T_world_camera` (4, 4).

@@ -15,8 +15,7 @@ _GROUPS = 5
 
 
 def plot_complexity(cases: list[Case], title: str, path: Path) -> None:
-    """Writes a picture: gamma's error over C, a point a scene, with the medians of groups of
-    equal size."""
+    """Draws gamma's error over C, a point a scene, with medians of groups of equal size."""
     import matplotlib
 
     matplotlib.use("Agg")

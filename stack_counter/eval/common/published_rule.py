@@ -118,8 +118,7 @@ def removal_votes(view: View, points: np.ndarray) -> np.ndarray:
 
 
 def removal_votes_by_loop(view: View, points: np.ndarray) -> np.ndarray:
-    """The votes of `removal_votes`, one voxel at a time after the projection, as the released
-    code runs."""
+    """Counts the votes of `removal_votes` one voxel at a time, as the released code runs."""
     assert view.depth is not None and view.labels is not None  # for the type checker
     k = view.intrinsics
     local = geometry.apply(geometry.inverse(view.T_world_camera), points)
@@ -135,8 +134,10 @@ def removal_votes_by_loop(view: View, points: np.ndarray) -> np.ndarray:
 
 
 def _peel_as_written(full: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """(n, n, n) bool without the outermost `steps` (3,) voxels of every line along x and y, and
-    the lowest of every line along z."""
+    """Removes the outermost `steps` (3,) voxels of every line along x and y, the lowest along z.
+
+    Returns (n, n, n) bool.
+    """
     peeled, cells = full.copy(), len(full)
     for axis in range(3):
         along = np.arange(cells).reshape(np.roll([cells, 1, 1], axis))
@@ -149,8 +150,10 @@ def _peel_as_written(full: np.ndarray, steps: np.ndarray) -> np.ndarray:
 
 
 def _peel_as_released(full: np.ndarray, width: int) -> np.ndarray:
-    """(n, n, n) bool without a skin of `width` voxels around every change along x or y, and
-    around bottom faces."""
+    """Removes a skin of `width` voxels around every change along x or y, and around bottom faces.
+
+    Returns (n, n, n) bool.
+    """
     if width < 1:
         return full
     sides = (full != np.roll(full, -1, 0)) | (full != np.roll(full, -1, 1))

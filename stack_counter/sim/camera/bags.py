@@ -96,8 +96,9 @@ def write_picks_bag(scene: Scene, out: Path, picks: int, seed: int) -> None:
 
 
 def write_station_bag(scene: Scene, out: Path, cycles: int, seed: int) -> None:
-    """Records the bin by four fixed cameras once a cycle, each time with fewer parts; in the third
-    cycle one of them is dead. Beside the bag's files lies the rig file.
+    """Records the bin by four fixed cameras once a cycle, each time with fewer parts.
+
+    In the third cycle one of them is dead. Beside the bag's files lies the rig file.
 
     Raises:
         BagError: `out` exists, or more cycles than parts.

@@ -160,8 +160,10 @@ def _direction(tilt: float, azimuth: float) -> np.ndarray:
 def _render_view(renderer: Renderer, T: np.ndarray, reported: np.ndarray, stamp_ns: int,
                  sensor: DepthCamera, random: np.random.Generator, materials: int | None,
                  intrinsics: Intrinsics = CAMERA) -> View:
-    """One view from a true pose T with its reported pose; `materials` is the colour's seed, None
-    for no colour."""
+    """One view from a true pose T with its reported pose.
+
+    `materials` is the colour's seed, None for no colour.
+    """
     depth, labels = renderer.render_depth_and_labels(intrinsics, T)
     return View(
         stamp_ns=stamp_ns, intrinsics=intrinsics, T_world_camera=reported, camera=FRAME,

@@ -75,6 +75,7 @@ class Renderer:
     """One scene, ready to be rendered from any pose."""
 
     def __init__(self, scene: Scene):
+        """Builds the scene's ray-casting structure."""
         self._scene = scene
         self._faces_per_part = len(scene.shape.faces)
         parts, container = scene.parts_mesh(), scene.container.mesh()
@@ -184,8 +185,10 @@ class Renderer:
 
 
 def camera_rays(intrinsics: Intrinsics, T_world_camera: np.ndarray) -> np.ndarray:
-    """(h, w, 6) float64 origins and directions in the world; direction length 1 along optical z,
-    so that a hit's parameter is its depth."""
+    """(h, w, 6) float64 origins and directions in the world.
+
+    Direction length 1 along optical z, so that a hit's parameter is its depth.
+    """
     directions = geometry.pixel_rays(intrinsics, dtype=np.float64) @ T_world_camera[:3, :3].T
     origins = np.broadcast_to(T_world_camera[:3, 3], directions.shape)
     return np.concatenate([origins, directions], axis=-1)
@@ -201,8 +204,10 @@ def _draw_color(random: np.random.Generator, colors: tuple[Rgb, ...]) -> Rgb:
 
 
 def _wood_texture(points: np.ndarray) -> np.ndarray:
-    """(h, w, 3) albedo of the support plane at points (h, w, 3), world, metres: speckled, so that
-    it has texture from every distance."""
+    """(h, w, 3) albedo of the support plane at points (h, w, 3), world, metres.
+
+    Speckled, so that it has texture from every distance.
+    """
     cells = np.floor(points[..., :2] / SETTINGS.speckle_m).astype(np.int64)
     speckle = ((cells[..., 0] * 73856093 ^ cells[..., 1] * 19349663) % 997) / 997
     grain = 0.5 + 0.5 * np.sin(points[..., 0] * 60 + 3 * np.sin(points[..., 1] * 13))

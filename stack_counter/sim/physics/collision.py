@@ -112,8 +112,11 @@ def _decompose_in_own_process(vertices: bytes, faces: bytes, threshold: float
 
 def _send_decomposition(vertices: bytes, faces: bytes, threshold: float, sender: Connection
                         ) -> None:
-    """Decomposes a mesh of (n, 3) float64 vertices and (m, 3) int32 faces, and sends the pieces'
-    vertices and faces; ends the process if it takes too long."""
+    """Decomposes a mesh and sends the pieces' vertices and faces.
+
+    The mesh has (n, 3) float64 vertices and (m, 3) int32 faces. The process is ended if it takes
+    too long.
+    """
     # The processor's time, not the clock's: a busy machine gets the same pieces.
     resource.setrlimit(resource.RLIMIT_CPU, (SETTINGS.max_cpu_s, SETTINGS.max_cpu_s))
     import coacd  # here: only this needs it
@@ -128,8 +131,10 @@ def _send_decomposition(vertices: bytes, faces: bytes, threshold: float, sender:
 
 
 def _hull_corners(mesh: trimesh.Trimesh, limit: int) -> np.ndarray:
-    """(n, 3) corners of the hull; if they are more than the limit, those farthest apart, blown up
-    to the hull's volume."""
+    """(n, 3) corners of the hull.
+
+    If they are more than the limit, those farthest apart, blown up to the hull's volume.
+    """
     hull = mesh.convex_hull
     corners = np.asarray(hull.vertices)
     if len(corners) <= limit:

@@ -81,8 +81,11 @@ def draw_kind(random: np.random.Generator, shares: dict[str, float]) -> str:
 
 def draw_shallow_size(random: np.random.Generator, shape: Shape, kind: str, max_parts: int
                        ) -> np.ndarray:
-    """Draws an inner size (3,) in part sizes: a width, and the depth for which a full one holds a
-    drawn number of parts, so that the fill drawn later does not depend on the width."""
+    """Draws an inner size (3,) in part sizes.
+
+    A width, and the depth for which a full one holds a drawn number of parts, so that the fill
+    drawn later does not depend on the width.
+    """
     width = log_uniform(random, SETTINGS.width)
     length = width * _draw_aspect(random, kind)
     capacity = min(log_uniform(random, SETTINGS.capacity), max_parts)
@@ -103,9 +106,11 @@ def draw_shallow_size(random: np.random.Generator, shape: Shape, kind: str, max_
 
 def draw_deep_size(random: np.random.Generator, shape: Shape, kind: str, max_parts: int
                     ) -> np.ndarray:
-    """Draws an inner size (3,) in part sizes: proportions, and the width for which a full one
-    holds a drawn number of parts; of parts so thin that the least width is too wide for that, a
-    lower one."""
+    """Draws an inner size (3,) in part sizes.
+
+    Proportions, and the width for which a full one holds a drawn number of parts; of parts so thin
+    that the least width is too wide for that, a lower one.
+    """
     aspect = _draw_aspect(random, kind)
     proportions = SETTINGS.deep_depth.get(kind, SETTINGS.deep_depth[""])
     depth_over_width = random.uniform(*proportions)

@@ -183,8 +183,10 @@ class PileSimulation:
                          f"{SETTINGS.rest_speed}")
 
     def _measure_speeds(self) -> np.ndarray:
-        """(n,) mean speeds while a quarter of a second is run, units/s: of the way made, as the
-        engine's own velocities tremble where contacts are many."""
+        """(n,) mean speeds while a quarter of a second is run, units/s.
+
+        Of the way made, as the engine's own velocities tremble where contacts are many.
+        """
         start = self.poses()[:, :3]
         self._run(SETTINGS.check_s)
         return np.linalg.norm(self.poses()[:, :3] - start, axis=1) / SETTINGS.check_s

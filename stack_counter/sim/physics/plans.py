@@ -132,8 +132,7 @@ def draw_mixed_plan(random: np.random.Generator, shape: Shape, max_parts: int) -
 
 
 def draw_shallow_plan(random: np.random.Generator, shape: Shape, max_parts: int) -> PilePlan:
-    """Draws any width alike, and therefore low stacks where the parts are many: from one layer
-    up."""
+    """Draws any width alike, and therefore low stacks where the parts are many."""
     return _draw_plan(random, shape, max_parts, _SHALLOW_KINDS, draw_shallow_size)
 
 
@@ -144,8 +143,10 @@ def draw_deep_plan(random: np.random.Generator, shape: Shape, max_parts: int) ->
 
 def draw_rig_plan(random: np.random.Generator, rig_random: np.random.Generator, shape: Shape,
                   max_parts: int) -> PilePlan:
-    """Draws one pile of a cell in which the container and the friction stay as they are:
-    `rig_random` draws those, `random` the rest."""
+    """Draws one pile of a cell in which the container and the friction stay as they are.
+
+    `rig_random` draws those, `random` the rest.
+    """
     container = draw_deep_container(rig_random, shape, max_parts)
     friction = rig_random.uniform(*FRICTION)
     return draw_plan_in_container(random, shape, container, (friction, friction), max_parts)
@@ -159,8 +160,10 @@ def draw_plan_in_container(random: np.random.Generator, shape: Shape, container:
 
 
 def draw_box_plan(random: np.random.Generator, shape: Shape, max_parts: int) -> PilePlan:
-    """Draws one scene like those of the paper's test set: a box about five parts wide, part to
-    heaped full."""
+    """Draws one scene like those of the paper's test set.
+
+    A box about five parts wide, part to heaped full.
+    """
     box = BOX_SETTINGS
     width = random.uniform(*box.width) * shape.part_size
     size = (width, width * random.uniform(*box.length), width * random.uniform(*box.depth))
@@ -208,8 +211,10 @@ def _count_when_full(container: ContainerShape, shape: Shape) -> float:
 
 
 def _pour_column(container: ContainerShape) -> np.ndarray:
-    """(2,) sides of the column that parts fall through, metres: of a round container about the
-    square in its circle."""
+    """(2,) sides of the column that parts fall through, metres.
+
+    Of a round container about the square in its circle.
+    """
     share = SETTINGS.round_column_share if container.kind in ROUND_KINDS \
         else SETTINGS.column_share
     return np.array(container.inner_size_m[:2]) * share
@@ -217,8 +222,10 @@ def _pour_column(container: ContainerShape) -> np.ndarray:
 
 def _draw_heap(random: np.random.Generator, shape: Shape, max_parts: int, handling: Handling
                ) -> PilePlan:
-    """Draws a heap poured through a column; what lies farther out than a heap of a gentle slope
-    would reach is no part of it."""
+    """Draws a heap poured through a column.
+
+    What lies farther out than a heap of a gentle slope would reach is no part of it.
+    """
     fewest, most = SETTINGS.heap_parts
     count = int(log_uniform(random, (fewest, min(max_parts, most))))
     # A cone of that slope and volume

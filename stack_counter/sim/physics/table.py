@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pieces of a part lying apart on a table, each in one of its rest poses: what a template scan
-sees."""
+"""Pieces of a part lying apart on a table, each in one of its rest poses.
+
+What a template scan sees.
+"""
 
 from __future__ import annotations
 

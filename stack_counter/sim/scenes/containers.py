@@ -107,8 +107,10 @@ class ContainerShape:
 
     @cached_property
     def inner_rings(self) -> np.ndarray:
-        """(k, n, 3) float64 outlines of the inner wall, counter-clockwise, container frame,
-        metres, from floor to rim; for a heap the one outline of its region."""
+        """Outlines of the inner wall, container frame, from floor to rim.
+
+        (k, n, 3) float64, counter-clockwise, metres; for a heap the one outline of its region.
+        """
         rim, depth = self._rim_outline(), self.inner_size_m[2]
         if self.kind == "none":
             return np.pad(rim, ((0, 0), (0, 1)))[None]
@@ -175,8 +177,10 @@ class ContainerShape:
         return self._mesh_from_rings(self.inner_rings[::-1], closed=False)
 
     def _mesh_from_rings(self, rings: np.ndarray, closed: bool) -> Mesh:
-        """Joins (k, n, 3) rings, and ends at the middle of the last one (and of the first if
-        closed)."""
+        """Joins (k, n, 3) rings to a mesh.
+
+        It ends at the middle of the last ring, and of the first one if closed.
+        """
         k, n = rings.shape[:2]
         a, b = np.arange(n), np.roll(np.arange(n), -1)
         # Two triangles for each side of a ring and the same side of the next
@@ -192,8 +196,10 @@ class ContainerShape:
                     np.concatenate([*quads, top, *bottom]).astype(np.int32))
 
     def collision_pieces(self) -> list[np.ndarray]:
-        """Corners (8 or more, 3) of convex blocks in the container frame, metres: what the rays
-        see, thickened outwards below the rim and the floor."""
+        """Corners (8 or more, 3) of convex blocks in the container frame, metres.
+
+        What the rays see, thickened outwards below the rim and the floor.
+        """
         if self.kind == "none":
             return []
         rings = self.inner_rings

@@ -16,6 +16,7 @@ class RayCaster:
     """A mesh that rays are cast on."""
 
     def __init__(self, mesh: Mesh):
+        """Builds the mesh's ray-casting structure."""
         self._scene = o3d.t.geometry.RaycastingScene()
         self._origin_z = float(mesh.vertices[:, 2].max(initial=0.0)) + _START_ABOVE_M
         self._empty = len(mesh.triangles) == 0

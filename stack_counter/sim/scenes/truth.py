@@ -92,8 +92,10 @@ def measure_truth(container: ContainerShape, shape: Shape, parts: Mesh, poses: n
 
 
 def _footprint(container: ContainerShape, parts: Mesh) -> tuple[np.ndarray, np.ndarray, float]:
-    """Lowest and highest corner (2,) of the integral's region, container frame, metres, and the
-    area in m2 that its cells stand for."""
+    """Region of the integral, and the area that its cells stand for.
+
+    Lowest and highest corner (2,), container frame, metres, and the area in m2.
+    """
     if container.kind != "none":
         outline = container.opening
         return outline.min(axis=0), outline.max(axis=0), float(polygon_area(outline))

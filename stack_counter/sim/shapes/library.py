@@ -26,8 +26,10 @@ def save_shapes(path: str | Path, shapes: list[Shape], **extra: Any) -> None:
 
 def write_library(out: Path, make_checked: Callable[[str, int], Shape],
                   families: Iterable[str], variants: range) -> None:
-    """Writes all parts that `make_checked` makes of a family and a variant, and prints which of
-    them it refuses."""
+    """Writes all parts that `make_checked` makes, and prints which of them it refuses.
+
+    It is called with each family and variant.
+    """
     shapes, refused = [], 0
     for family in families:
         for variant in variants:

@@ -57,7 +57,8 @@ def tile_of(maps: StackMaps, random: np.random.Generator) -> StackMaps:
 
 def blinded(x: np.ndarray) -> np.ndarray:
     """Channels as a single view without a known container gives them: no wall and no floor, the
-    height being that over the lowest part of the surface."""
+    height being that over the lowest part of the surface.
+    """
     valid = x[1] > 0
     if not valid.any():
         return x
@@ -67,7 +68,8 @@ def blinded(x: np.ndarray) -> np.ndarray:
 
 def make_tile(of: Sample, as_is: bool, seed: tuple[int, ...], blind: float = BLIND) -> np.ndarray:
     """(CHANNELS, TILE, TILE) float32 of a sample; `as_is`: not degraded, e.g. truly fused;
-    `blind`: how likely it is to be blinded."""
+    `blind`: how likely it is to be blinded.
+    """
     random = np.random.default_rng(seed)
     tile = tile_of(of.maps if as_is else degraded(of, random), random)
     x = network_channels(tile)
@@ -83,7 +85,8 @@ def batches(samples: list[Sample], as_is: list[bool], weights: np.ndarray, size:
             seed: tuple[int, ...], blind: float = BLIND
             ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
     """`count` batches of (size, CHANNELS, TILE, TILE) and targets, drawn by weight; prepared in a
-    thread."""
+    thread.
+    """
     random = np.random.default_rng(seed)
     chosen = random.choice(len(samples), (count, size), p=weights / weights.sum())
 
