@@ -32,8 +32,7 @@ SETTINGS = MeshColorSettings()
 
 
 def display_colors(mesh: Mesh) -> np.ndarray:
-    """Returns (n, 3) uint8 RGB of one or more vertices: their own, or dark to bright by height.
-    """
+    """Returns (n, 3) uint8 RGB of one or more vertices: their own, or dark to bright by height."""
     if mesh.colors is not None:
         return mesh.colors
     z = mesh.vertices[:, 2]

@@ -107,8 +107,9 @@ def carve_closed_container(
 
 
 class _Grid(NamedTuple):
-    """Centres (n, 3) of cubic voxels, metres, world; their side, metres; their number along the
-    axes.
+    """Centres (n, 3) of cubic voxels, metres, world.
+
+    Their side, metres; their number along the axes.
     """
 
     voxels: np.ndarray

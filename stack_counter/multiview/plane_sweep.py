@@ -155,8 +155,7 @@ def _correlate(grey: np.ndarray, mean: np.ndarray, variance: np.ndarray, other: 
 
 
 def _warp_by_plane(picture: Picture, neighbour: Picture, inverse_depth: float) -> np.ndarray:
-    """Returns (h, w) float32 grey levels of the neighbour as the reference sees them on a plane.
-    """
+    """Returns (h, w) float32 grey levels of the neighbour, as seen on a plane by the reference."""
     T_neighbour_camera = geometry.inverse(neighbour.T_world_camera) @ picture.T_world_camera
     on_plane = T_neighbour_camera[:3, :3] + np.outer(T_neighbour_camera[:3, 3],
                                                      [0, 0, inverse_depth])

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where stereo searches the surface: inside the hull of the labels, and on the support around it.
-"""
+"""Where stereo searches the surface: inside the hull of the labels, and on the support."""
 
 from __future__ import annotations
 

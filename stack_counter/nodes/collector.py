@@ -36,6 +36,7 @@ class Collector(ManagedNode[CollectorConfig]):
     """Publishes the posed images of scans; a `ScanSession` decides what belongs to which scan."""
 
     def __init__(self) -> None:
+        """Makes an unconfigured node."""
         self._recording = ScanRecording()
         super().__init__("collector", CollectorConfig)
 
@@ -135,8 +136,7 @@ class Collector(ManagedNode[CollectorConfig]):
                 is_stopped=message.state == ScanStatus.STOPPED))
 
     def _on_timer(self) -> None:
-        if not self._posed_images.get_subscription_count():
-            self._session.reconstructor_ready = False
+        self._session.reconstructor_ready &= self._posed_images.get_subscription_count() > 0
         self._carry_out(self._session.on_timer(self._topics.message_since_tick))
         self._topics.message_since_tick = False
 
@@ -149,8 +149,8 @@ class Collector(ManagedNode[CollectorConfig]):
             self._session.check_startable()
             self._part.request(request.part, request.unit_volume)
         except (ScanError, PartError, ConfigError) as error:
-            response.scan_id = self._session.open_scan_id if isinstance(error, ScanError) else ""
             response.message = str(error)
+            response.scan_id = self._session.open_scan_id if isinstance(error, ScanError) else ""
             return response
         self._carry_out(self._session.start(request.scan_id))
         response.accepted, response.scan_id = True, self._session.open_scan_id
@@ -164,10 +164,9 @@ class Collector(ManagedNode[CollectorConfig]):
         except ScanError as error:
             response.message = str(error)
             return response
-        closed = self._session.last_closed
-        if closed is not None:
-            response.accepted, response.scan_id = True, closed.scan_id
-            response.published = closed.views
+        if (scan := self._session.last_closed) is not None:
+            response.accepted, response.scan_id = True, scan.scan_id
+            response.published = scan.views
         return response
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

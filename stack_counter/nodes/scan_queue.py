@@ -88,6 +88,7 @@ class ScanQueue:
     """Scans in order. The next one is sent when the reconstructor has finished the one before."""
 
     def __init__(self) -> None:
+        """Makes an empty queue."""
         self._scans: deque[QueuedScan] = deque()
 
     @property

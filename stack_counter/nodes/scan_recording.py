@@ -28,6 +28,7 @@ class ScanRecording:
     """Records scans if a folder is configured; otherwise every call does nothing."""
 
     def __init__(self) -> None:
+        """Makes one that records nothing yet."""
         self._recorder: Recorder | None = None
         self._overrun: list[tuple[str, int]] = []
 

@@ -13,6 +13,7 @@ class StageTimer:
     """Adds up the time spent by stage: `with timer("integrate"): ...`."""
 
     def __init__(self) -> None:
+        """Makes a timer without stages."""
         self._seconds: defaultdict[str, float] = defaultdict(float)
 
     @property
