@@ -160,7 +160,7 @@ _SECTIONS: dict[str, type] = {"collector": CollectorConfig, "reconstructor": Rec
 Section = TypeVar("Section", CollectorConfig, ReconstructorConfig, CounterConfig)
 
 
-def build(section: type[Section], values: dict[str, Any]) -> Section:
+def build_section(section: type[Section], values: dict[str, Any]) -> Section:
     """A checked settings object.
 
     Args:
@@ -175,11 +175,11 @@ def build(section: type[Section], values: dict[str, Any]) -> Section:
     for name, value in values.items():
         if name not in fields:
             raise ConfigError(f"unknown setting '{name}'; expected one of {sorted(fields)}")
-        checked[name] = _checked(fields[name], value)
+        checked[name] = _check_value(fields[name], value)
     return section(**checked)
 
 
-def _checked(setting: dataclasses.Field, value: Any) -> Any:
+def _check_value(setting: dataclasses.Field, value: Any) -> Any:
     default, meta = setting.default, setting.metadata
     if isinstance(default, tuple):
         if not isinstance(value, (list, tuple)) or any(
@@ -207,7 +207,7 @@ def _checked(setting: dataclasses.Field, value: Any) -> Any:
     return value
 
 
-def load(path: Path) -> Config:
+def load_config(path: Path) -> Config:
     """Settings from a ROS parameter file; nodes it does not name keep their defaults.
 
     Raises:
@@ -230,7 +230,7 @@ def load(path: Path) -> Config:
                               f"{NAMESPACE}/reconstructor or {NAMESPACE}/counter")
         if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
             raise ConfigError(f"{path}: '{node}' lacks ros__parameters")
-        sections[name] = build(_SECTIONS[name], {key: value for key, value in
+        sections[name] = build_section(_SECTIONS[name], {key: value for key, value in
                                          body["ros__parameters"].items() if key not in ros_own})
     return Config(**sections)
 

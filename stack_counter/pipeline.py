@@ -75,14 +75,14 @@ class StackCounter:
                 view = geometry.rectify(view)  # 1. A pinhole camera.
                 self._labels.check_view(view)  # 2. It has what the segmenter works on.
                 scan = self._scan or self._begin_scan(view)
-                scan.add(view)  # 3. Fused and carved (depth), or kept (pictures).
+                scan.add_view(view)  # 3. Fused and carved (depth), or kept (pictures).
                 self._scan = scan
         except ViewError as error:
-            self.skip(error)
+            self.skip_view(error)
             raise
         self._received += 1
 
-    def skip(self, error: ViewError) -> None:
+    def skip_view(self, error: ViewError) -> None:
         """Counts a view that was refused."""
         self._received += 1
         self._skipped[error.reason] += 1
@@ -99,8 +99,8 @@ class StackCounter:
                             f"{dict(self._skipped)}); expected at least {needed}")
         with self._stages("finish"):
             with self._stages("segment"):
-                self._scan.label(self._labels)  # 4. Label images from prompts, if any.
-            volume = self._scan.measure(self._taught_container)  # 5. The container, then V.
+                self._scan.label_views(self._labels)  # 4. Label images from prompts, if any.
+            volume = self._scan.measure_volume(self._taught_container)  # 5. The container, then V.
             with self._stages("segment"):
                 key_view = self._scan.key_view()  # 6. What the network may read.
         self.coverage = volume.coverage

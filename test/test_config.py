@@ -5,14 +5,20 @@ from pathlib import Path
 
 import pytest
 
-from stack_counter.config import Config, ReconstructorConfig, build, load, to_ros_parameters
+from stack_counter.config import (
+    Config,
+    ReconstructorConfig,
+    build_section,
+    load_config,
+    to_ros_parameters,
+)
 from stack_counter.errors import ConfigError
 
 SHIPPED = Path(__file__).parents[1] / "config" / "stack_counter.yaml"
 
 
 def test_shipped_file_holds_every_default_and_its_description():
-    assert load(SHIPPED) == Config()
+    assert load_config(SHIPPED) == Config()
     lines = SHIPPED.read_text().splitlines()
     for section in dataclasses.fields(Config):
         for setting in dataclasses.fields(section.default):
@@ -25,7 +31,7 @@ def test_shipped_file_holds_every_default_and_its_description():
 def test_round_trip_through_a_parameter_file(tmp_path):
     config = Config(reconstructor=ReconstructorConfig(voxel_size=0.003, live=True))
     (tmp_path / "p.yaml").write_text(to_ros_parameters(config))
-    assert load(tmp_path / "p.yaml") == config
+    assert load_config(tmp_path / "p.yaml") == config
 
 
 @pytest.mark.parametrize("values, said", [
@@ -37,4 +43,4 @@ def test_round_trip_through_a_parameter_file(tmp_path):
     ({"container_kind": "bag"}, "container_kind is 'bag'; expected one of")])
 def test_bad_values_are_named(values, said):
     with pytest.raises(ConfigError, match=said.split("(")[0]):
-        build(ReconstructorConfig, values)
+        build_section(ReconstructorConfig, values)

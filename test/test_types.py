@@ -79,6 +79,6 @@ def test_tallies_of_stages_in_a_row_add_up():
 
 def test_missing_cameras_are_a_reason():
     whole = stack_volume()
-    assert whole.without([]).reasons == ()
-    lacking = whole.without(["left"])
+    assert whole.with_missing_cameras([]).reasons == ()
+    lacking = whole.with_missing_cameras(["left"])
     assert lacking.missing_cameras == ("left",) and lacking.reasons == (Reason.CAMERA_MISSING,)

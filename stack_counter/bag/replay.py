@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from stack_counter.bag.bag_views import BagViews
-from stack_counter.config import Config, load
+from stack_counter.config import Config, load_config
 from stack_counter.counting import with_reasons
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.files import config_path
@@ -72,7 +72,7 @@ def count_bag(path: str | Path, *, part: str = "", unit_volume: float = 0.0,
         ScanError: the views do not suffice for a count.
         ConfigError, WeightsError: the settings, or files that they name, cannot be used.
     """
-    config = config or load(config_path("stack_counter.yaml"))
+    config = config or load_config(config_path("stack_counter.yaml"))
     known = resolve_part(part, unit_volume, config.counter.part_catalogue)
     return replay_direct(Path(path), config, known).count
 
@@ -211,7 +211,7 @@ def measure_scan(stack: StackCounter, bag: BagViews, after_view: Callable[[], No
             time.sleep(max(due - time.perf_counter(), 0))
         # Leave out what the recorded scan had left out.
         if (view.camera, view.stamp_ns) in overrun:
-            stack.skip(ViewError("overrun", "the recorded scan had no time for this view"))
+            stack.skip_view(ViewError("overrun", "the recorded scan had no time for this view"))
             continue
         with suppress(ViewError, ScanError):  # counted in the tally, or nothing to count yet
             stack.add_view(view)
@@ -238,7 +238,9 @@ def measure_cycles(stack: StackCounter, bag: BagViews, unit_volume: float,
                     stack.add_view(cycle.views[name])
                     on_view()
         try:
-            yield MeasuredCycle(stack.volume().without(grouper.missing_cameras(cycle)))
+            yield MeasuredCycle(
+                stack.volume().with_missing_cameras(grouper.missing_cameras(cycle))
+            )
         except ScanError as error:
             yield MeasuredCycle(None, f"cycle at {cycle.stamp_ns} ns: {error}")
 
@@ -247,7 +249,7 @@ def grouped_cycles(views: Iterable[tuple[str, View]], grouper: CycleGrouper) -> 
     """Groups the views of a rig's cameras into cycles; a view that is late is left out."""
     for name, view in views:
         with suppress(ViewError):
-            yield from grouper.add(name, view)
+            yield from grouper.add_view(name, view)
     yield from grouper.close_all()
 
 

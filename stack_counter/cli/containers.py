@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 
 from stack_counter.cli.common import add_config_argument, progress_bar, require_bag
-from stack_counter.config import load
+from stack_counter.config import load_config
 from stack_counter.container.catalogue import (
     catalogue_path,
     describe_container,
@@ -42,7 +42,7 @@ def _nonempty(text: str) -> str:
 
 
 def _teach(options: argparse.Namespace) -> int:
-    config = load(options.config or config_path("stack_counter.yaml"))
+    config = load_config(options.config or config_path("stack_counter.yaml"))
     bag = require_bag(options.bag)
     path = options.out or catalogue_path(config.reconstructor)
     if path.exists():

@@ -20,7 +20,7 @@ from stack_counter.cli.containers import add_container
 from stack_counter.cli.parts import add_part
 from stack_counter.cli.replay import add_replay
 from stack_counter.cli.simulate import add_simulate
-from stack_counter.config import load
+from stack_counter.config import load_config
 from stack_counter.errors import ConfigError, PartError, StackCounterError, WeightsError
 from stack_counter.files import config_path
 
@@ -124,7 +124,7 @@ def _add_info(commands: argparse._SubParsersAction) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     path = options.config or config_path("stack_counter.yaml")
-    load(path)  # raises what is wrong with it, before anything starts
+    load_config(path)  # raises what is wrong with it, before anything starts
     from stack_counter.ros.supervisor import supervise
 
     return supervise(path)
@@ -140,7 +140,7 @@ def _import(options: argparse.Namespace) -> int:
 def _info(options: argparse.Namespace) -> int:
     from stack_counter.bag.info import describe_bag
 
-    print(describe_bag(options.bag, load(config_path("stack_counter.yaml")).collector))
+    print(describe_bag(options.bag, load_config(config_path("stack_counter.yaml")).collector))
     return 0
 
 

@@ -19,7 +19,7 @@ from stack_counter.cli.common import (
     progress_bar,
     require_bag,
 )
-from stack_counter.config import Config, load
+from stack_counter.config import Config, load_config
 from stack_counter.errors import PartError
 from stack_counter.files import config_path
 from stack_counter.parts.catalogue import (
@@ -126,7 +126,7 @@ def _friction(text: str) -> float:
 
 def _load_settings(options: argparse.Namespace) -> tuple[Config, Path]:
     """Settings that name the catalogue to work on, and its path."""
-    config = load(options.config or config_path("stack_counter.yaml"))
+    config = load_config(options.config or config_path("stack_counter.yaml"))
     given = options.catalogue or config.counter.part_catalogue
     path = Path(given) if given else config_path("parts.yaml")
     return replace(config, counter=replace(config.counter, part_catalogue=str(path))), path

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stack_counter.cli.common import add_config_argument, progress_bar, require_bag
-from stack_counter.config import Config, CounterConfig, build, load
+from stack_counter.config import Config, CounterConfig, build_section, load_config
 from stack_counter.container.catalogue import configured_container
 from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError
@@ -76,12 +76,12 @@ def _settings(options: argparse.Namespace) -> Config:
     """The settings file (or the shipped one) with the command line's own on top."""
     if options.rate < 0:
         raise ConfigError(f"--rate is {options.rate}; expected above 0")
-    config = load(options.config or config_path("stack_counter.yaml"))
+    config = load_config(options.config or config_path("stack_counter.yaml"))
     # Settings of the counter.
     chosen = {"confidence": options.confidence, "estimator": options.estimator,
               "weights": str(options.weights) if options.weights else None,
               "part_catalogue": str(options.catalogue.absolute()) if options.catalogue else None}
-    counter = build(CounterConfig, {
+    counter = build_section(CounterConfig, {
         **config.counter.__dict__,
         **{key: value for key, value in chosen.items() if value is not None}})
     # Settings of the reconstructor: prompts choose a segmenter that takes them.

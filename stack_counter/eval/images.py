@@ -103,8 +103,8 @@ def evaluate_pictures(scene: Scene, views: list[View]) -> PictureErrors:
     # V of stereo's depth; where stereo measures too little, the hull stands in its place
     scan = PictureReconstruction(ReconstructorConfig())
     for view in pictures:
-        scan.add(view)
-    result = scan.measure(taught=None)
+        scan.add_view(view)
+    result = scan.measure_volume(taught=None)
     found, stack_volume, depth = "hull", hull, None
     reasons: tuple[Reason, ...] = (Reason.NO_DEPTH,)
     if scan.stereo is not None:

@@ -47,7 +47,7 @@ class FusedSurface:
         centers = np.stack([(cols + 0.5) * pitch, (rows + 0.5) * pitch, np.zeros(shape)], axis=-1)
         origins = geometry.apply(T_world_map, centers)
         origins[..., 2] = self._above
-        hits = self._cast(origins, np.array([0.0, 0, -1]))
+        hits = self._cast_rays(origins, np.array([0.0, 0, -1]))
         z = self._above - hits - T_world_map[2, 3]
         heights[np.isfinite(hits)] = z[np.isfinite(hits)]
         return HeightMap(T_world_map, pitch, heights)
@@ -65,10 +65,10 @@ class FusedSurface:
         if self._empty:
             return np.zeros((intrinsics.height, intrinsics.width), np.float32)
         rays = geometry.pixel_rays(intrinsics, dtype=np.float64) @ T_world_camera[:3, :3].T
-        hits = self._cast(T_world_camera[:3, 3], rays)  # each ray is 1 m long along the axis
+        hits = self._cast_rays(T_world_camera[:3, 3], rays)  # each ray is 1 m long along the axis
         return np.where(np.isfinite(hits), hits, 0).astype(np.float32)
 
-    def _cast(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    def _cast_rays(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """(h, w) float32 lengths of world rays up to the mesh, infinite where they miss it.
 
         The lengths are multiples of the directions' own. One argument may be a (3,) vector.

@@ -120,7 +120,7 @@ class Tsdf:
         kept = o3d.t.geometry.Image(o3c.Tensor(np.where(surface, depth, 0).astype(np.float32)))
         scales = (1.0, self._depth_trunc, self._trunc_voxels)
         # Blocks that exist, and those to be made on the kept surface, if memory allows.
-        blocks = np.concatenate([self._blocks(), self._new_blocks(kept, K, T_camera_world,
+        blocks = np.concatenate([self._active_blocks(), self._new_blocks(kept, K, T_camera_world,
                                                                   scales)])
         needed_mb = len(blocks) * SETTINGS.block**3 * _BYTES_PER_VOXEL / 1e6
         if needed_mb > self._max_memory_mb:
@@ -164,7 +164,7 @@ class Tsdf:
     def extract_triangle_mesh(self, min_views: int) -> Mesh:
         """Extracts the zero level as triangles, where at least `min_views` have seen it."""
         empty = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
-        if not len(self._blocks()):
+        if not len(self._active_blocks()):
             return empty
         try:  # Open3D wants a weight above the threshold, and fails where no vertex has one
             mesh = self._grid.extract_triangle_mesh(weight_threshold=min_views - 0.5)
@@ -188,7 +188,7 @@ class Tsdf:
         exists = self._grid.hashmap().find(found)[1].numpy()
         return found.numpy()[~exists]
 
-    def _blocks(self) -> np.ndarray:
+    def _active_blocks(self) -> np.ndarray:
         """(n, 3) int32 coordinates of the blocks that exist."""
         hashmap = self._grid.hashmap()
         return hashmap.key_tensor()[hashmap.active_buf_indices().to(o3c.int64)].numpy()

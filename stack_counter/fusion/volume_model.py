@@ -107,6 +107,7 @@ def _number(path: Path, numbers: dict, name: str) -> float:
     """
     entry = numbers.get(name)
     value = entry.get("value") if isinstance(entry, dict) else None
-    if type(value) not in (int, float) or not math.isfinite(value) or value < 0:
+    if not isinstance(value, (int, float)) or isinstance(value, bool) \
+            or not math.isfinite(value) or value < 0:
         raise WeightsError(f"{path}: {name} is {value}; expected a finite number, 0 or more")
     return float(value)

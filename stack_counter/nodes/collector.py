@@ -52,7 +52,7 @@ class Collector(ManagedNode[CollectorConfig]):
         self.on_cleanup_call(self._recording.close)
         self._topics = CameraTopics(self, self._assembler, config.reliable,
                                     lambda: self._session.accepting_images,
-                                    lambda: self._carry_out(self._session.collect()))
+                                    lambda: self._carry_out(self._session.collect_views()))
         self._posed_images = self.advertise(PosedImage, "posed_images", RELIABLE)
         self._status = self.advertise(ScanStatus, "scan_status", RELIABLE)
         self.subscribe(ScanStatus, "scan_status", self._on_status, RELIABLE)
@@ -73,7 +73,9 @@ class Collector(ManagedNode[CollectorConfig]):
     def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None],
                   qos: QoSProfile) -> Subscription:
         """Subscribes as every node does; what comes from cameras and TF is recorded besides."""
-        return super().subscribe(kind, topic, self._recording.tap(kind, topic, callback), qos)
+        return super().subscribe(
+            kind, topic, self._recording.record_before(kind, topic, callback), qos
+        )
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Takes data from now on; a scan that starts by itself does."""
@@ -109,7 +111,7 @@ class Collector(ManagedNode[CollectorConfig]):
                         view, self._config.world_frame, scan.scan_id, scan.part,
                         scan.unit_volume, camera))
                 case scan_events.ViewDropped(view):
-                    self._recording.overrun(view)
+                    self._recording.note_overrun(view)
                 case scan_events.ScanSent(scan):
                     self._publish_status(ScanStatus.STOPPED, scan)
                 case scan_events.ViewsDecided():

@@ -55,7 +55,7 @@ class CountAction:
         self._runner.destroy()
 
     @property
-    def busy(self) -> bool:
+    def is_busy(self) -> bool:
         """Whether a count is running."""
         return self._job is not None
 
@@ -88,7 +88,7 @@ class CountAction:
         """Returns why a request cannot be counted now; "" if it can."""
         if not self._node.active:
             return "the counter is not active; expected an active node"
-        if self.busy:
+        if self.is_busy:
             return "another count is running; expected one at a time"
         if not (math.isfinite(request.timeout) and request.timeout >= 0
                 and 0 <= request.confidence < 1):

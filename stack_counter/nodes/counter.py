@@ -88,20 +88,20 @@ class CounterNode(ManagedNode[CounterConfig]):
         # Publish the count, and show it above the stack.
         self._last = count
         self._count.publish(count)
-        self._log(count)
+        self._log_count(count)
         self._action.on_count(count)
         self._text_place = text_place(message) or self._text_place
         self._marker.publish(count_markers(count, self._text_place))
 
-    def _log(self, count: StackCount) -> None:
+    def _log_count(self, count: StackCount) -> None:
         """Logs an error, or the count of a scan that has ended with a sentence for each reason."""
         logger, line = self.get_logger(), f"scan '{count.scan_id}': "
         if count.error:
             logger.error(line + count.error)
         elif count.final and count.status == StackCount.STATUS_DEGRADED:
-            logger.warning(line + _describe(count))
+            logger.warning(line + _describe_count(count))
         elif count.final:
-            logger.info(line + _describe(count))
+            logger.info(line + _describe_count(count))
 
     def _count_volume(self, message: StackVolume) -> StackCount:
         """Returns the count of a volume, or the error that there is instead."""
@@ -127,14 +127,14 @@ class CounterNode(ManagedNode[CounterConfig]):
         """Returns the last count with its reasons, and why the last goal was rejected."""
         lines, last = [], self._last
         if last is not None:
-            lines.append((_LEVELS[last.status], last.error or _describe(last)))
+            lines.append((_LEVELS[last.status], last.error or _describe_count(last)))
         if self._action.rejected:
             lines.append((WARN, f"the last goal was rejected: {self._action.rejected}"))
         return lines or [(OK, "no scan yet")]
 
     def status_values(self) -> Mapping[str, object]:
         """Returns the estimator, and the last count with its views and times."""
-        values: dict[str, object] = {"counting": self._action.busy,
+        values: dict[str, object] = {"counting": self._action.is_busy,
                                      "estimator": self._estimator.name, "weights": self._weights}
         last = self._last
         if last is not None:
@@ -150,7 +150,7 @@ class CounterNode(ManagedNode[CounterConfig]):
         return values
 
 
-def _describe(count: StackCount) -> str:
+def _describe_count(count: StackCount) -> str:
     """Returns the count in words: number, interval, and slug and sentence of each reason."""
     reasons = [f"{reason}: {reason.sentence}" for reason in from_reasons(count.reasons)]
     return " ".join([f"{count.count} parts, {count.confidence:.0%} sure between "

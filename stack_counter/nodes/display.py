@@ -70,7 +70,7 @@ class Display:
         self._points = node.advertise(PointCloud2, "surface", LATCHED_NEWEST)
         node.add_timer(SETTINGS.period_s, self._publish_next)
 
-    def show(self, stack: StackCounter, volume: StackVolume | None, header: Header,
+    def show_scan(self, stack: StackCounter, volume: StackVolume | None, header: Header,
              final: bool) -> None:
         """Has a scan published soon, in place of what waits.
 

@@ -110,7 +110,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         try:
             view = from_posed_image(message)
         except ViewError as error:
-            self._stack.skip(error)
+            self._stack.skip_view(error)
             self._log_skipped(error)
         else:
             try:
@@ -203,12 +203,14 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
             return
         if lost > 0:
             volume = replace(volume, reasons=volume.reasons + (Reason.VIEWS_LOST,))
-        volume = replace(volume, views=self._scan_tally(volume.views)).without(missing)
+        volume = replace(volume, views=self._scan_tally(volume.views)).with_missing_cameras(
+            missing
+        )
         self._running_volume = volume.stack_volume
         scan, frame = self._scan, self._scan.world_frame
         self._volume.publish(to_stack_volume(volume, frame, scan, final))
-        self._reports.keep(scan.scan_id, final, volume)
-        self._display.show(self._stack, volume, to_header(volume.stamp_ns, frame), final)
+        self._reports.keep_volume(scan.scan_id, final, volume)
+        self._display.show_scan(self._stack, volume, to_header(volume.stamp_ns, frame), final)
 
     def _publish_failure(self, error: ScanError, missing_cameras: list[str]) -> None:
         """Publishes why the scan that has ended gives no volume."""
@@ -219,7 +221,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
             header=header, scan_id=scan.scan_id, final=True, part=scan.part,
             unit_volume=scan.unit_volume, error=str(error), missing_cameras=missing_cameras,
             views=to_tally(self._scan_tally(self._stack.tally))))
-        self._display.show(self._stack, None, header, final=True)
+        self._display.show_scan(self._stack, None, header, final=True)
 
     def _scan_tally(self, tally: ViewTally) -> ViewTally:
         """Returns the tally with the views that the collector skipped, once it has stopped."""

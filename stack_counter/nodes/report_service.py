@@ -87,7 +87,7 @@ class ReportService:
         node.subscribe(StackCountMsg, "count", self._on_count, LATCHED)
         node.add_service(Trigger, "write_report", self._on_write_report)
 
-    def keep(self, scan_id: str, final: bool, volume: StackVolume) -> None:
+    def keep_volume(self, scan_id: str, final: bool, volume: StackVolume) -> None:
         """Keeps a volume that was published until its count comes."""
         self._waiting.append(WaitingVolume(scan_id, final, volume))
 

@@ -49,23 +49,23 @@ class SingleScan(ScanSession):
 
     def start(self, scan_id: str = "") -> list[ScanEvent]:
         """Opens a scan."""
-        return self.open(scan_id)
+        return self.open_scan(scan_id)
 
-    def add(self, camera: str, view: View) -> list[ScanEvent]:
+    def add_view(self, camera: str, view: View) -> list[ScanEvent]:
         """Takes a view into the open scan."""
         dropped = self.scan.add(camera, view) if self.scan is not None else None
         return [] if dropped is None else [ViewDropped(dropped)]
 
-    def end(self, scan: QueuedScan) -> list[ScanEvent]:
+    def end_on_request(self, scan: QueuedScan) -> list[ScanEvent]:
         """Closes the scan."""
         self.accepting_images = False
-        return self.close(scan)
+        return self.close_scan(scan)
 
-    def open(self, scan_id: str) -> list[ScanEvent]:
+    def open_scan(self, scan_id: str) -> list[ScanEvent]:
         """Opens a scan of the requested part."""
         scan = QueuedScan(scan_id or uuid.uuid4().hex[:8], *self.requested_part(),
                           newest_only=self.newest_only)
-        return self.begin(scan, recorded_as=scan)
+        return self.begin_scan(scan, recorded_as=scan)
 
 
 class ContinuousScan(SingleScan):
@@ -80,12 +80,12 @@ class ContinuousScan(SingleScan):
         """Closes the open scan, if there is one, and opens the next."""
         closing: list[ScanEvent] = []
         if self.accepting_images and self.scan is not None:
-            closing = self.close(self.scan)
-        return closing + self.open(scan_id)
+            closing = self.close_scan(self.scan)
+        return closing + self.open_scan(scan_id)
 
-    def end(self, scan: QueuedScan) -> list[ScanEvent]:
+    def end_on_request(self, scan: QueuedScan) -> list[ScanEvent]:
         """Closes the scan and opens the next."""
-        return super().end(scan) + self.open("")
+        return super().end_on_request(scan) + self.open_scan("")
 
 
 class CycleScans(ScanSession):
@@ -113,13 +113,13 @@ class CycleScans(ScanSession):
 
     def start(self, scan_id: str = "") -> list[ScanEvent]:
         """Takes images, if they are not taken already; the next cycle is the scan."""
-        return [] if self.accepting_images else self.begin(
+        return [] if self.accepting_images else self.begin_scan(
             None, recorded_as=QueuedScan("cycle", *self.requested_part()))
 
-    def add(self, camera: str, view: View) -> list[ScanEvent]:
+    def add_view(self, camera: str, view: View) -> list[ScanEvent]:
         """Takes a view into its cycle; cycles that are over become scans."""
         try:
-            return self._close_cycles(self._cycles.add(camera, view))
+            return self._close_cycles(self._cycles.add_view(camera, view))
         except ViewError as error:
             self.late[f"late_{camera}"] += 1
             return [Problem(str(error), repeated=True)]
@@ -129,7 +129,7 @@ class CycleScans(ScanSession):
         return self._close_cycles(self._cycles.close_expired() if expired_only
                                   else self._cycles.close_all())
 
-    def end(self, scan: QueuedScan) -> list[ScanEvent]:
+    def end_on_request(self, scan: QueuedScan) -> list[ScanEvent]:
         """Goes on: the cycle that was open has become a scan."""
         return []
 
@@ -143,10 +143,10 @@ class CycleScans(ScanSession):
             if camera in cycle.views:
                 scan.add(camera, cycle.views[camera])
         scan.missing = tuple(self._cycles.missing_cameras(cycle))
-        given_up = self.queue.open(scan)
+        given_up = self.queue.enqueue(scan)
         problems = [Problem(f"scan '{other.scan_id}' given up: {len(self.queue)} scans wait; "
                             "expected a faster reconstructor or longer cycles")
                     for other in given_up]
         # What is heard from now on belongs to the next cycle.
-        return [*problems, *self.close(scan),
+        return [*problems, *self.close_scan(scan),
                 ScanOpened(QueuedScan("cycle", scan.part, scan.unit_volume))]

@@ -99,7 +99,7 @@ class ScanQueue:
     def __len__(self) -> int:
         return len(self._scans)
 
-    def open(self, scan: QueuedScan) -> list[QueuedScan]:
+    def enqueue(self, scan: QueuedScan) -> list[QueuedScan]:
         """Queues a scan and returns those that are given up for it."""
         self._scans.append(scan)
         dropped = []
@@ -108,12 +108,12 @@ class ScanQueue:
             del self._scans[1]
         return dropped
 
-    def finished(self, scan_id: str) -> None:
+    def remove_finished(self, scan_id: str) -> None:
         """Removes a scan that the reconstructor is done with."""
         while self._scans and self._scans[0].closed and self._scans[0].scan_id == scan_id:
             self._scans.popleft()
 
-    def due(self) -> tuple[QueuedScan, str, View] | None:
+    def take_due_view(self) -> tuple[QueuedScan, str, View] | None:
         """Takes the next view to send out of the queue: its scan, camera and image.
 
         None where no view waits, or the reconstructor has no room.

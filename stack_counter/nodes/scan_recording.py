@@ -43,7 +43,7 @@ class ScanRecording:
             self._recorder = Recorder(Path(config.record_folder).expanduser(),
                                       config.record_max_mb, warn)
 
-    def tap(self, kind: type, topic: str, callback: Callable[[Any], None]
+    def record_before(self, kind: type, topic: str, callback: Callable[[Any], None]
             ) -> Callable[[Any], None]:
         """Returns a topic's callback, with the recorder before it where scans need the topic."""
         if self._recorder is None or kind not in _RECORDED_TYPES:
@@ -68,7 +68,7 @@ class ScanRecording:
                                   "unit_volume_m3": repr(scan.unit_volume),
                                   "version": __version__})
 
-    def overrun(self, view: View) -> None:
+    def note_overrun(self, view: View) -> None:
         """Notes a view that the scan had no time for: replay must not count it either."""
         self._overrun.append((view.camera, view.stamp_ns))
 

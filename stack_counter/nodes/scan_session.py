@@ -132,7 +132,7 @@ class ScanSession(ABC):
         """
 
     @abstractmethod
-    def add(self, camera: str, view: View) -> list[ScanEvent]:
+    def add_view(self, camera: str, view: View) -> list[ScanEvent]:
         """Takes one view into a scan."""
 
     def close_waiting(self, expired_only: bool) -> list[ScanEvent]:
@@ -140,7 +140,7 @@ class ScanSession(ABC):
         return []
 
     @abstractmethod
-    def end(self, scan: QueuedScan) -> list[ScanEvent]:
+    def end_on_request(self, scan: QueuedScan) -> list[ScanEvent]:
         """Does what `stop_scan` asks, once all images are decided."""
 
     def start_by_itself(self) -> list[ScanEvent]:
@@ -155,17 +155,17 @@ class ScanSession(ABC):
         """
         if not self.accepting_images:
             raise ScanError("no scan is open; expected start_scan first")
-        events = self._take(self._source.flush()) + self.close_waiting(expired_only=False)
+        events = self._add_views(self._source.flush()) + self.close_waiting(expired_only=False)
         if self.scan is None:
             raise ScanError("no image has come since the start; expected a cycle")
-        return events + self.end(self.scan)
+        return events + self.end_on_request(self.scan)
 
-    def collect(self) -> list[ScanEvent]:
+    def collect_views(self) -> list[ScanEvent]:
         """Takes the views that are complete and sends what the reconstructor has room for."""
         if not self.accepting_images:
             return []
         before = self._source.tally
-        events = self._take(self._source.poll())
+        events = self._add_views(self._source.poll())
         return [*events, ViewsDecided()] if self._source.tally != before else events
 
     def on_timer(self, message_since_tick: bool) -> list[ScanEvent]:
@@ -175,7 +175,7 @@ class ScanSession(ABC):
             message_since_tick: a message of a camera was handled since the last call. Then images
                 may lie in our own queues, and it is we who are late: no cycle is given up.
         """
-        events = self.collect()
+        events = self.collect_views()
         if not message_since_tick:
             events += self.close_waiting(expired_only=True)
         first = self.queue.first
@@ -201,7 +201,7 @@ class ScanSession(ABC):
             self._unknown_since = 0.0
             scan.processed = received
             if is_stopped:
-                self.queue.finished(scan.scan_id)
+                self.queue.remove_finished(scan.scan_id)
         elif scan is not None and is_idle and (scan.reported or scan.sent > scan.processed):
             events += self._mark_scan_lost(scan)
         return events + self.send_due()
@@ -226,16 +226,16 @@ class ScanSession(ABC):
 
     # --- for the modes ------------------------------------------------------------------------
 
-    def begin(self, scan: QueuedScan | None, recorded_as: QueuedScan) -> list[ScanEvent]:
+    def begin_scan(self, scan: QueuedScan | None, recorded_as: QueuedScan) -> list[ScanEvent]:
         """Takes images from now on: into this scan, or, if None, into cycles."""
         self._source.start()
         self._tally_before, self.late = ViewTally(), Counter()
         self.scan, self.accepting_images = scan, True
         if scan is not None:
-            self.queue.open(scan)
+            self.queue.enqueue(scan)
         return [ScanOpened(recorded_as), ViewsDecided()]
 
-    def close(self, scan: QueuedScan) -> list[ScanEvent]:
+    def close_scan(self, scan: QueuedScan) -> list[ScanEvent]:
         """Ends a scan; the reconstructor is told when it is this scan's turn."""
         scan.tally, scan.closed = self.tally, True
         self._tally_before, self.late = self._source.tally, Counter()
@@ -245,7 +245,7 @@ class ScanSession(ABC):
     def send_due(self) -> list[ScanEvent]:
         """Sends views that the reconstructor has room for, and then the end of the scan."""
         events: list[ScanEvent] = []
-        while self.reconstructor_ready and (due := self.queue.due()) is not None:
+        while self.reconstructor_ready and (due := self.queue.take_due_view()) is not None:
             events.append(ViewReady(*due))
         scan = self.queue.first
         if scan is not None and scan.closed and not scan.reported:
@@ -254,8 +254,8 @@ class ScanSession(ABC):
 
     # --- details ------------------------------------------------------------------------------
 
-    def _take(self, views: Sequence[tuple[str, View]]) -> list[ScanEvent]:
-        events = [event for camera, view in views for event in self.add(camera, view)]
+    def _add_views(self, views: Sequence[tuple[str, View]]) -> list[ScanEvent]:
+        events = [event for camera, view in views for event in self.add_view(camera, view)]
         return events + self.send_due()
 
     def _announce_end(self, scan: QueuedScan) -> ScanSent:

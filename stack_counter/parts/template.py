@@ -78,8 +78,8 @@ def scan_template(views: list[View], pieces: int, config: ReconstructorConfig) -
         roi_center_m=tuple(map(float, center)), roi_size_m=tuple(map(float, size))))
     for view in views:
         with suppress(ViewError):  # the others go on
-            scan.add(geometry.rectify(view))
-    return measure_template(scan.measure(taught=None), scan.views, pieces)
+            scan.add_view(geometry.rectify(view))
+    return measure_template(scan.measure_volume(taught=None), scan.views, pieces)
 
 
 def measure_template(volume: StackVolume, views: list[View], pieces: int) -> Template:

@@ -82,7 +82,7 @@ class DepthReconstruction:
         """The region in which the stack lies; None before it is found."""
         return self._fusion.region if self._fusion else None
 
-    def add(self, view: View) -> None:
+    def add_view(self, view: View) -> None:
         """Fuses one view, or keeps it until the first few say where the stack is.
 
         Raises:
@@ -96,14 +96,14 @@ class DepthReconstruction:
         view = clip_depth(view, self._config.depth_min, self._config.depth_trunc)
         if self._fusion is not None:
             self._fusion.grow_region(view)
-            self._memory.add(self._fusion.integrate(view))
+            self._memory.add_view(self._fusion.integrate(view))
             return
-        self._memory.add(view)
+        self._memory.add_view(view)
         if len(self.views) >= self._first_views:
             with suppress(ScanError):  # nothing in sight yet: later views may show it
                 self._fusion = self._begin_fusion()
 
-    def label(self, labels: ScanLabels) -> None:
+    def label_views(self, labels: ScanLabels) -> None:
         """Gives the views their label images where prompts make them.
 
         Raises:
@@ -112,7 +112,7 @@ class DepthReconstruction:
         self._memory.replace_all(labels.label(self.views))
         self._label_images_given = labels.given_with_views
 
-    def measure(self, taught: TaughtContainer | None) -> StackVolume:
+    def measure_volume(self, taught: TaughtContainer | None) -> StackVolume:
         """Finds the container, then V over its opening.
 
         Args:
@@ -151,12 +151,20 @@ class DepthReconstruction:
         self.segmenter = GivenLabelSegmenter() if self._label_images_given \
             else ContainerSegmenter(stack.container, region)
         return StackVolume(
-            stamp_ns=max(v.stamp_ns for v in views), stack_volume=stack.stack_volume,
-            stack_volume_std=stack.stack_volume_std, container=stack.container,
-            fill_level=stack.fill_level, coverage=stack.coverage, top=stack.top,
-            inner=stack.inner, key_view=None, views=ViewTally(),
-            reasons=_reasons(stack, found.sure, one_side, views, region), one_side=one_side,
-            mesh=color_mesh(surface.mesh, views))
+            stamp_ns=max(v.stamp_ns for v in views),
+            stack_volume=stack.stack_volume,
+            stack_volume_std=stack.stack_volume_std,
+            container=stack.container,
+            fill_level=stack.fill_level,
+            coverage=stack.coverage,
+            top=stack.top,
+            inner=stack.inner,
+            key_view=None,
+            views=ViewTally(),
+            reasons=_quality_reasons(stack, found.sure, one_side, views, region),
+            one_side=one_side,
+            mesh=color_mesh(surface.mesh, views),
+        )
 
     def key_view(self) -> KeyView | None:
         """Chooses the view that shows the most parts; call it after `measure`."""
@@ -182,7 +190,7 @@ class DepthReconstruction:
         return fusion
 
 
-def _reasons(stack: MeasuredStack, is_sure: bool, one_side: bool, views: list[View],
+def _quality_reasons(stack: MeasuredStack, is_sure: bool, one_side: bool, views: list[View],
              region: Region) -> tuple[Reason, ...]:
     """Lists what qualifies a measured stack.
 

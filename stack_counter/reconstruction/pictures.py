@@ -64,7 +64,7 @@ class PictureReconstruction:
         """The views kept so far, whole."""
         return self._memory.views
 
-    def add(self, view: View) -> None:
+    def add_view(self, view: View) -> None:
         """Keeps one view.
 
         Raises:
@@ -73,9 +73,9 @@ class PictureReconstruction:
         if view.depth is not None:
             raise ViewError("unexpected_depth", "some views of the scan have depth and some have "
                                                 "not; expected alike")
-        self._memory.add(view)
+        self._memory.add_view(view)
 
-    def label(self, labels: ScanLabels) -> None:
+    def label_views(self, labels: ScanLabels) -> None:
         """Gives the views their label images where prompts make them.
 
         Raises:
@@ -83,7 +83,7 @@ class PictureReconstruction:
         """
         self._memory.replace_all(labels.label(self.views))
 
-    def measure(self, taught: TaughtContainer | None) -> StackVolume:
+    def measure_volume(self, taught: TaughtContainer | None) -> StackVolume:
         """Measures V by stereo depth where all views have colour, else by the hull of the labels.
 
         Args:
@@ -119,11 +119,11 @@ class PictureReconstruction:
         depth = DepthReconstruction(self._config, self._unit_volume)
         for view in stereo.views:
             with suppress(ViewError):  # the others go on
-                depth.add(view)
+                depth.add_view(view)
         if len(depth.views) < self._config.min_views:
             raise ScanError(f"{len(depth.views)} views with stereo depth used; expected at least "
                             f"{self._config.min_views}")
-        volume = depth.measure(taught)
+        volume = depth.measure_volume(taught)
         if stereo.is_closed(volume, self._config):
             volume = stereo.carved(volume, self._config.voxel_size or TSDF_SETTINGS.coarsest_voxel)
         self.stereo = stereo

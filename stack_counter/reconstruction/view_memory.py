@@ -37,7 +37,7 @@ class ViewMemory:
         self._live = live
         self.views: list[View] = []
 
-    def add(self, view: View) -> None:
+    def add_view(self, view: View) -> None:
         """Keeps one more view; in live mode older ones may go for it."""
         self.views.append(view)
         if not self._live:

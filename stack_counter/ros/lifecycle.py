@@ -26,7 +26,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
-from stack_counter.config import NAMESPACE, Section, build
+from stack_counter.config import NAMESPACE, Section, build_section
 from stack_counter.errors import StackCounterError
 from stack_counter.ros.diagnostics import ERROR, OK, memory_mb, summarize, to_array
 from stack_counter.ros.qos import DIAGNOSTICS
@@ -62,7 +62,7 @@ class ManagedNode(LifecycleNode, Generic[Section]):
         Raises:
             ConfigError: a value is out of range.
         """
-        return build(self._section, self._parameter_values())
+        return build_section(self._section, self._parameter_values())
 
     def setup(self, config: Section) -> None:
         """Makes what the node needs; called on configure.
@@ -152,7 +152,7 @@ class ManagedNode(LifecycleNode, Generic[Section]):
                 "it up first"))
         # Check all settings together, then take them over.
         try:
-            config = build(self._section, {**self._parameter_values(), **changes})
+            config = build_section(self._section, {**self._parameter_values(), **changes})
             if self._configured and changes:
                 self.apply_runtime_config(config)
         except StackCounterError as error:

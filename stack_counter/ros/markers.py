@@ -69,21 +69,25 @@ def scene_markers(volume: StackVolume | None, region: tuple[np.ndarray, np.ndarr
     # Delete the markers of the last scan: this one may have less to show.
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     if volume is not None:
-        markers.append(_lines("container", container_lines(volume.container), ORANGE, header))
+        markers.append(
+            _line_marker("container", container_lines(volume.container), ORANGE, header)
+        )
     if region is not None:
-        markers.append(_lines("region", box_lines(*region), WHITE, header))
+        markers.append(_line_marker("region", box_lines(*region), WHITE, header))
     frusta = [frustum_lines(v.intrinsics, v.T_world_camera, SETTINGS.frustum_m) for v in views]
-    markers.append(_lines("cameras", np.array(frusta), BLUE, header))
+    markers.append(_line_marker("cameras", np.array(frusta), BLUE, header))
     if volume is not None and volume.mesh is not None and len(volume.mesh.triangles):
         markers.append(surface_marker(volume.mesh, header))
     # A marker without points is an error in both viewers.
     return MarkerArray(markers=[m for m in markers if m.action != Marker.ADD or m.points])
 
 
-def _lines(ns: str, ends: np.ndarray, rgb: tuple[float, float, float], header: Header) -> Marker:
+def _line_marker(
+    ns: str, ends: np.ndarray, rgb: tuple[float, float, float], header: Header
+) -> Marker:
     """Returns the marker of lines with (..., 2, 3) float64 ends, world, metres."""
     return Marker(header=header, ns=ns, type=Marker.LINE_LIST, scale=Vector3(x=SETTINGS.line_m),
-                  color=_color(rgb), points=_points(ends.reshape(-1, 3)))
+                  color=_to_color(rgb), points=_to_points(ends.reshape(-1, 3)))
 
 
 def surface_marker(mesh: Mesh, header: Header) -> Marker:
@@ -93,10 +97,10 @@ def surface_marker(mesh: Mesh, header: Header) -> Marker:
     """
     mesh = decimate(mesh, SETTINGS.max_triangles)
     corners = mesh.triangles.ravel().tolist()
-    points = _points(mesh.vertices)  # one message a vertex, which its triangles share
-    colors = [_color(rgb) for rgb in (display_colors(mesh) / 255).tolist()]
+    points = _to_points(mesh.vertices)  # one message a vertex, which its triangles share
+    colors = [_to_color(rgb) for rgb in (display_colors(mesh) / 255).tolist()]
     return Marker(header=header, ns="surface", type=Marker.TRIANGLE_LIST,
-                  scale=Vector3(x=1.0, y=1.0, z=1.0), color=_color(WHITE),
+                  scale=Vector3(x=1.0, y=1.0, z=1.0), color=_to_color(WHITE),
                   points=[points[i] for i in corners], colors=[colors[i] for i in corners])
 
 
@@ -160,7 +164,7 @@ def count_markers(count: StackCount, place: TextPlace) -> MarkerArray:
     return MarkerArray(markers=[Marker(
         header=count.header, ns="count", type=Marker.TEXT_VIEW_FACING,
         pose=Pose(position=Point(x=x, y=y, z=z + lift)), scale=Vector3(z=place.letter_m),
-        color=_color(_STATUS_COLORS[count.status]), text=text)])
+        color=_to_color(_STATUS_COLORS[count.status]), text=text)])
 
 
 def count_text(count: StackCount) -> str:
@@ -178,9 +182,9 @@ def count_text(count: StackCount) -> str:
     return "\n".join(lines)
 
 
-def _points(values: np.ndarray) -> list[Point]:
+def _to_points(values: np.ndarray) -> list[Point]:
     return [Point(x=x, y=y, z=z) for x, y, z in values.astype(float).tolist()]
 
 
-def _color(rgb: tuple[float, ...] | list[float]) -> ColorRGBA:
+def _to_color(rgb: tuple[float, ...] | list[float]) -> ColorRGBA:
     return ColorRGBA(r=rgb[0], g=rgb[1], b=rgb[2], a=1.0)

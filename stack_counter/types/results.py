@@ -55,7 +55,7 @@ class StackVolume:
         """Parts stand above the rim."""
         return self.fill_level[2] > 1
 
-    def without(self, cameras: Iterable[str]) -> StackVolume:
+    def with_missing_cameras(self, cameras: Iterable[str]) -> StackVolume:
         """The volume of a scan to which these cameras gave nothing."""
         missing = tuple(cameras)
         reasons = self.reasons + ((Reason.CAMERA_MISSING,) if missing else ())

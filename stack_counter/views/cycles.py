@@ -55,7 +55,7 @@ class CycleGrouper:
         """Returns the names of the cameras that gave a cycle no view."""
         return [name for name in self.cameras if name not in cycle.views]
 
-    def add(self, camera: str, view: View) -> list[Cycle]:
+    def add_view(self, camera: str, view: View) -> list[Cycle]:
         """Takes a view into its cycle.
 
         Returns:

@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 
 from stack_counter import geometry
-from stack_counter.config import CollectorConfig, build
+from stack_counter.config import CollectorConfig, build_section
 from stack_counter.errors import ConfigError, ViewError
 
 _TOPICS = ("color_topic", "color_transport", "camera_info_topic", "depth_topic", "labels_topic")
@@ -96,7 +96,9 @@ def _read_camera(path: Path, name: str, body: Any, base: CollectorConfig) -> Rig
                           "camera_info_topic")
     values = {f.name: getattr(base, f.name) for f in fields(base)} | {"depth_topic": ""}
     try:
-        config = build(CollectorConfig, values | {k: body[k] for k in _TOPICS if k in body})
+        config = build_section(
+            CollectorConfig, values | {k: body[k] for k in _TOPICS if k in body}
+        )
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from error
     return RigCamera(name, config, _read_pose(where, body.get("pose")), str(body.get("frame", "")))

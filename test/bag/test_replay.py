@@ -7,12 +7,12 @@ import pytest
 from kits.bags import bag, bin_views
 
 from stack_counter.bag.replay import count_bag, measure_bag, read_scan
-from stack_counter.config import load
+from stack_counter.config import load_config
 from stack_counter.errors import PartError, ScanError
 from stack_counter.files import config_path
 
 ROOT = Path(__file__).parents[2]
-CONFIG = load(config_path("stack_counter.yaml"))
+CONFIG = load_config(config_path("stack_counter.yaml"))
 
 
 def test_five_lines_count_the_demo():

@@ -60,7 +60,7 @@ def test_a_running_result_is_shown_only_to_who_looks_and_a_final_one_always(cloc
     markers, cloud = node.of["markers"], node.of["surface"]
 
     def show(shown, final):
-        display.show(Stack(), shown, HEADER, final)
+        display.show_scan(Stack(), shown, HEADER, final)
         node.pass_time()
         return len(markers.sent), len(cloud.sent)
 
@@ -87,7 +87,7 @@ def test_showing_leaves_most_of_the_time_to_counting(clock):
 
     def shown(at, final=False):
         clock[0] = at
-        display.show(Stack(), VOLUME, HEADER, final)
+        display.show_scan(Stack(), VOLUME, HEADER, final)
         node.pass_time()
         return len(markers.sent)
 
@@ -100,8 +100,8 @@ def test_what_is_newest_is_shown_once():
     node = Node()
     display = Display(node)
     node.pass_time()
-    display.show(Stack(), VOLUME, HEADER, final=True)
-    display.show(Stack(), None, HEADER, final=True)
+    display.show_scan(Stack(), VOLUME, HEADER, final=True)
+    display.show_scan(Stack(), None, HEADER, final=True)
     assert not node.of["markers"].sent  # counting comes first
     node.pass_time()
     node.pass_time()

@@ -15,14 +15,14 @@ def view(stamp):
 
 def sent(outbox):
     out = []
-    while (due := outbox.due()) is not None:
+    while (due := outbox.take_due_view()) is not None:
         out.append((due[0].scan_id, due[2].stamp_ns))
     return out
 
 
 def test_a_few_views_are_on_their_way_at_a_time():
     outbox, scan = ScanQueue(), QueuedScan("a")
-    outbox.open(scan)
+    outbox.enqueue(scan)
     for i in range(9):
         scan.add("", view(i))
     assert sent(outbox) == [("a", i) for i in range(4)]
@@ -34,25 +34,25 @@ def test_the_next_scan_waits_until_the_first_is_finished():
     outbox = ScanQueue()
     for name in "ab":
         scan = QueuedScan(name, closed=True)
-        outbox.open(scan)
+        outbox.enqueue(scan)
         scan.add("", view(1))
     assert sent(outbox) == [("a", 1)]
-    outbox.finished("b")
+    outbox.remove_finished("b")
     assert sent(outbox) == []
-    outbox.finished("a")
+    outbox.remove_finished("a")
     assert sent(outbox) == [("b", 1)]
 
 
 def test_an_open_scan_is_not_finished():
     outbox = ScanQueue()
-    outbox.open(QueuedScan("a"))
-    outbox.finished("a")
+    outbox.enqueue(QueuedScan("a"))
+    outbox.remove_finished("a")
     assert outbox.first is not None
 
 
 def test_who_follows_what_happens_gets_the_newest_of_each_camera():
     outbox, scan = ScanQueue(), QueuedScan("a", newest_only=True)
-    outbox.open(scan)
+    outbox.enqueue(scan)
     for i in range(3):
         scan.add("left", view(i))
         scan.add("right", view(10 + i))
@@ -68,5 +68,5 @@ def test_too_many_views_or_scans_are_counted_and_given_up():
         scan.add("", view(i))
     assert scan.lost == {"overrun": 5} and scan.waiting[0][1].stamp_ns == 5
     outbox = ScanQueue()
-    dropped = [d.scan_id for i in range(22) for d in outbox.open(QueuedScan(str(i)))]
+    dropped = [d.scan_id for i in range(22) for d in outbox.enqueue(QueuedScan(str(i)))]
     assert dropped == ["1", "2"] and outbox.first.scan_id == "0"  # the one on its way stays

@@ -74,7 +74,7 @@ class Bench:
     def give(self, *stamps, camera="left"):
         for stamp in stamps:
             self.source.put(camera, stamp)
-        return self.session.collect()
+        return self.session.collect_views()
 
     def report(self, scan_id, received=0, idle=False, stopped=False):
         return self.session.on_reconstructor_status(scan_id, received, idle, stopped)
@@ -120,7 +120,9 @@ def test_skipped_images_are_told_of_and_belong_to_their_own_scan():
     bench = Bench("scan")
     bench.session.start("a")
     bench.source.put("left", 1, "no_tf")
-    assert bench.session.collect() == [ViewsDecided()] and bench.session.collect() == []
+    assert (
+        bench.session.collect_views() == [ViewsDecided()] and bench.session.collect_views() == []
+    )
     bench.session.stop()
     assert bench.session.last_closed.tally == ViewTally(1, 0, {"no_tf": 1})
     bench.session.start("b")

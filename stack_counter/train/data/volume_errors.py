@@ -124,7 +124,7 @@ def measure_volume_errors(scene: Scene, views: str, seed: int, noise_factor: flo
         taken = [replace(view, fixed=True) for view in taken]
     scan = DepthReconstruction(ReconstructorConfig(live=views == ONE_SIDE), unit_volume)
     _add_all(scan, taken)
-    volume = scan.measure(taught=None)
+    volume = scan.measure_volume(taught=None)
     assert scan.stack is not None and scan.region is not None  # measured
     _check_kind(scene, volume.container.kind)
     # Compare heights with the true surface, edges with the true container.
@@ -153,7 +153,7 @@ def _add_all(scan: DepthReconstruction | PictureReconstruction, views: Sequence[
         ViewError: one of them is refused.
     """
     for view in views:
-        scan.add(view)
+        scan.add_view(view)
 
 
 def _check_kind(scene: Scene, found: str) -> None:
@@ -177,7 +177,7 @@ def _measure_pictures(scene: Scene, name: str, seed: int) -> VolumeErrors:
     scan = PictureReconstruction(ReconstructorConfig(), scene.truth.unit_volume)
     _add_all(scan, [replace(view, depth=None) for view in
                     record(scene, PICTURE_VIEWS, seed, labels=True)])
-    volume = scan.measure(taught=None)
+    volume = scan.measure_volume(taught=None)
     if scan.stereo is None:
         raise ScanError("stereo measures too little; expected depth from pictures")
     _check_kind(scene, volume.container.kind)
