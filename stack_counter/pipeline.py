@@ -19,7 +19,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import configured_container
 from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.occupancy.baselines import OccupancyEstimator
+from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.informed_gamma import estimate_occupancy
 from stack_counter.reconstruction import DepthReconstruction, PictureReconstruction

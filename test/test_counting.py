@@ -9,7 +9,8 @@ from safetensors.numpy import save_file
 from stack_counter.config import CounterConfig
 from stack_counter.counting import conformal_quantile, make_count, verdict, with_reasons
 from stack_counter.errors import ConfigError, PartError, WeightsError
-from stack_counter.occupancy.baselines import FORMAT, Baselines, make_estimator, normalized_height
+from stack_counter.occupancy import make_estimator
+from stack_counter.occupancy.baselines import FORMAT, Baselines, normalized_height
 from stack_counter.types import (
     Container,
     HeightMap,

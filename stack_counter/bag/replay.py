@@ -22,7 +22,7 @@ from stack_counter.config import Config, load_config
 from stack_counter.counting import with_reasons
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.files import config_path
-from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
+from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.parts.catalogue import Part, resolve_part
 from stack_counter.pipeline import StackCounter, count_stack
 from stack_counter.segmentation.prompts import read_prompts

@@ -208,7 +208,7 @@ def _calibrate(options: argparse.Namespace) -> int:
         return _undo_calibration(part, path)
     bag = require_bag(options.bag)
     from stack_counter.bag.replay import measure_bag
-    from stack_counter.occupancy.baselines import make_estimator
+    from stack_counter.occupancy import make_estimator
     from stack_counter.parts.calibration import calibrate, count_from_weight
 
     # Measure the counted bin, and store what it says of gamma.

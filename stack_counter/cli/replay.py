@@ -17,7 +17,7 @@ from stack_counter.container.catalogue import configured_container
 from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError
 from stack_counter.files import config_path
-from stack_counter.occupancy.baselines import make_estimator
+from stack_counter.occupancy import make_estimator
 from stack_counter.parts.catalogue import Part, resolve_part
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from stack_counter.config import CounterConfig, ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common import metrics
 from stack_counter.eval.common.sets import add_set_argument, read_filled_scenes
-from stack_counter.occupancy.baselines import make_estimator
+from stack_counter.occupancy import make_estimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, record_fixed_camera, remove_parts

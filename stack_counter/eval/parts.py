@@ -30,7 +30,7 @@ from stack_counter.eval.common.part_table import (
     format_table,
 )
 from stack_counter.eval.common.sets import find_set_folder
-from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
+from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.parts.calibration import calibrate
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.gamma_model import Reading

@@ -11,7 +11,7 @@ from visualization_msgs.msg import MarkerArray
 from stack_counter.config import CounterConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.nodes.count_action import CountAction
-from stack_counter.occupancy.baselines import make_estimator
+from stack_counter.occupancy import make_estimator
 from stack_counter.parts.catalogue import resolve_part
 from stack_counter.pipeline import count_stack
 from stack_counter.ros.conversions import (

@@ -1,162 +1,157 @@
-"""gamma: the `OccupancyEstimator` protocol and the paper's own baselines (section 4.3)."""
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's baselines for gamma (section 4.3), fitted on simulated piles."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from importlib import resources
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
-from safetensors import SafetensorError, safe_open
+from typing_extensions import override
 
-from stack_counter.config import CounterConfig
-from stack_counter.errors import ConfigError, WeightsError
+from stack_counter.errors import WeightsError
+from stack_counter.files import read_weights, shipped_weights
+from stack_counter.occupancy.estimator import OccupancyEstimator
 from stack_counter.types import OccupancyEstimate, Reason, StackVolume
 
-_SHIPPED = "baselines.safetensors"
 FORMAT = "stack_counter baselines 1"
-_TENSORS = {"line": (2,), "prior": (2,), "ratios_corrected": None, "ratios_extrapolated": None,
-            "ratios_prior": None}
+_SHIPPED = "baselines.safetensors"
+# Tensors of the file and their shapes; None: of any length.
+_TENSORS: dict[str, tuple[int, ...] | None] = {
+    "line": (2,), "prior": (2,), "ratios_corrected": None, "ratios_extrapolated": None,
+    "ratios_prior": None}
+_EPSILON = 1e-6
 
 
-class OccupancyEstimator(Protocol):
-    """Says which fraction of a stack's volume the parts fill."""
+@dataclass(frozen=True)
+class BaselineSettings:
+    """How the baselines read a surface; all chosen.
 
-    name: str
+    Attributes:
+        highest_percentile: percentile of the heights that counts as the highest: the maximum
+            itself is the noise of a single cell.
+        gamma_range: smallest and largest gamma that the fitted line may give.
+    """
 
+    highest_percentile: float = 99.5
+    gamma_range: tuple[float, float] = (0.02, 0.95)
+
+
+SETTINGS = BaselineSettings()
+
+
+class Baselines:
+    """The fitted numbers behind all three baselines.
+
+    Attributes:
+        path: the file that they come from.
+        line: (2,) slope and offset of gamma over the normalised height.
+        prior: (2,) mean and standard deviation of gamma over the training piles.
+        ratios: for each baseline quantiles of true over estimated gamma on families left out.
+    """
+
+    def __init__(self, path: Path | None = None):
+        """Reads a file; None is the one shipped with the package.
+
+        Raises:
+            WeightsError: the file is missing, not safetensors, or of another format.
+        """
+        self.path = path or shipped_weights(_SHIPPED)
+        tensors = {name: tensor.astype(float)
+                   for name, tensor in read_weights(self.path, FORMAT).tensors.items()}
+        if set(tensors) != set(_TENSORS):
+            raise WeightsError(f"{self.path} holds {sorted(tensors)}; expected {sorted(_TENSORS)}")
+        for name, shape in _TENSORS.items():
+            if shape not in (None, tensors[name].shape):
+                raise WeightsError(f"{self.path}: {name} is {tensors[name]}; expected numbers of "
+                                   f"shape {shape}")
+        self.line, self.prior = tensors["line"], tensors["prior"]
+        self.ratios = {name.removeprefix("ratios_"): values for name, values in tensors.items()
+                       if name.startswith("ratios_")}
+
+
+class Prior(OccupancyEstimator):
+    """The mean of the training piles, whatever the surface (the paper's mean estimator)."""
+
+    name = "prior (baseline)"
+
+    def __init__(self, baselines: Baselines):
+        """Takes its mean and errors from `baselines`."""
+        self._baselines = baselines
+
+    @override
     def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
-        """gamma of a stack whose parts have `unit_volume` (m3) each."""
-        ...
+        reasons = (Reason.NO_DEPTH,) if volume.top is None else ()
+        return _estimate_with_errors(float(self._baselines.prior[0]),
+                                     self._baselines.ratios["prior"], self.name, reasons)
+
+
+class DepthExtrapolated(OccupancyEstimator):
+    """gamma is the normalised height; without a top-surface map it is the prior."""
+
+    name = "depth_extrapolated (baseline)"
+
+    def __init__(self, baselines: Baselines):
+        """Takes its errors from `baselines`."""
+        self._baselines, self._prior = baselines, Prior(baselines)
+
+    @override
+    def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
+        height = normalized_height(volume)
+        if height is None:
+            return self._prior.estimate(volume, unit_volume)
+        return _estimate_with_errors(height, self._baselines.ratios["extrapolated"], self.name)
+
+
+class DepthCorrected(OccupancyEstimator):
+    """gamma is a line fitted over the normalised height; without a map it is the prior."""
+
+    name = "depth_corrected (baseline)"
+
+    def __init__(self, baselines: Baselines):
+        """Takes its line and errors from `baselines`."""
+        self._baselines, self._prior = baselines, Prior(baselines)
+
+    @override
+    def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
+        height = normalized_height(volume)
+        if height is None:
+            return self._prior.estimate(volume, unit_volume)
+        slope, offset = self._baselines.line
+        gamma = float(np.clip(slope * height + offset, *SETTINGS.gamma_range))
+        return _estimate_with_errors(gamma, self._baselines.ratios["corrected"], self.name)
 
 
 def normalized_height(volume: StackVolume) -> float | None:
-    """Mean height of the visible surface above the inner one, over the highest.
+    """Mean height of the visible surface above the inner one, over the highest; 0 to 1.
 
     Source: paper, section 4.3, the mean of d_i / d_max over the top view's pixels. Here d is the
-    height of the top-surface map above the container's inner surface. None without such a map,
-    or for an empty one.
+    height of the top-surface map above the container's inner surface.
+
+    Returns:
+        None where there is no such map or nothing stands in it.
     """
     if volume.top is None or volume.inner is None:
         return None
     heights = (volume.top.heights - volume.inner.heights)[np.isfinite(volume.top.heights)]
     if not len(heights):
         return None
-    highest = float(np.percentile(heights, 99.5))  # the maximum itself is a single cell's noise
+    highest = float(np.percentile(heights, SETTINGS.highest_percentile))
     if highest <= 0:
         return None
     return float(np.clip(heights / highest, 0, 1).mean())
 
 
-class Baselines:
-    """The fitted numbers behind all three baselines."""
+def _estimate_with_errors(gamma: float, ratios: np.ndarray, name: str,
+                          reasons: tuple[Reason, ...] = ()) -> OccupancyEstimate:
+    """Makes an estimate whose relative error is the same for every stack.
 
-    def __init__(self, path: Path | None = None):
-        """Loads them; None is the file shipped with the package.
-
-        Raises:
-            WeightsError: missing, not safetensors, or of another format.
-        """
-        shipped = Path(str(resources.files("stack_counter") / "weights" / _SHIPPED))
-        self.path = path or shipped
-        if not self.path.is_file():
-            raise WeightsError(f"no weights file {self.path}; expected a safetensors file")
-        try:
-            with safe_open(self.path, framework="numpy") as file:
-                kind = (file.metadata() or {}).get("format")
-                tensors = {name: file.get_tensor(name).astype(float) for name in file.keys()}
-        except (SafetensorError, OSError) as error:
-            raise WeightsError(f"{self.path} is not a whole safetensors file: {error}") from error
-        if kind != FORMAT or set(tensors) != set(_TENSORS):
-            raise WeightsError(f"{self.path} is '{kind}'; expected '{FORMAT}'")
-        for name, shape in _TENSORS.items():
-            if not np.isfinite(tensors[name]).all() or shape not in (None, tensors[name].shape):
-                raise WeightsError(f"{self.path}: {name} is {tensors[name]}; expected finite "
-                                   f"numbers of shape {shape}")
-        self.line, self.prior = tensors["line"], tensors["prior"]
-        self.ratios = {name.removeprefix("ratios_"): value for name, value in tensors.items()
-                       if name.startswith("ratios_")}
-
-
-class Prior:
-    """The mean of the training piles, whatever the picture (the paper's mean estimator)."""
-
-    name = "prior (baseline)"
-
-    def __init__(self, baselines: Baselines):
-        self._fit = baselines
-
-    def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
-        """The training mean and spread; reason `no_depth` if there was no depth to read."""
-        reasons = (Reason.NO_DEPTH,) if volume.top is None else ()
-        return _with_spread(float(self._fit.prior[0]), self._fit.ratios["prior"], self.name,
-                            reasons)
-
-
-class DepthExtrapolated:
-    """gamma = mean of d / d_max over the top view."""
-
-    name = "depth_extrapolated (baseline)"
-
-    def __init__(self, baselines: Baselines):
-        self._fit, self._prior = baselines, Prior(baselines)
-
-    def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
-        """See `normalized_height`; the prior where there is no map."""
-        gamma = normalized_height(volume)
-        if gamma is None:
-            return self._prior.estimate(volume, unit_volume)
-        return _with_spread(gamma, self._fit.ratios["extrapolated"], self.name)
-
-
-class DepthCorrected:
-    """gamma = a * mean of d / d_max + b, fitted on simulated piles."""
-
-    name = "depth_corrected (baseline)"
-
-    def __init__(self, baselines: Baselines):
-        self._fit, self._prior = baselines, Prior(baselines)
-
-    def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
-        """The fitted line at `normalized_height`; the prior where there is no map."""
-        height = normalized_height(volume)
-        if height is None:
-            return self._prior.estimate(volume, unit_volume)
-        gamma = float(np.clip(self._fit.line[0] * height + self._fit.line[1], 0.02, 0.95))
-        return _with_spread(gamma, self._fit.ratios["corrected"], self.name)
-
-
-def _with_spread(gamma: float, ratios: np.ndarray, name: str, reasons: tuple[Reason, ...] = ()
-                 ) -> OccupancyEstimate:
-    """An estimate whose errors are all alike: `ratios` of true over estimated gamma."""
-    logs = np.log(np.maximum(ratios, 1e-6))
-    std = max(float(np.std(logs)), 1e-6)
-    return OccupancyEstimate(gamma, gamma * std, logs / std, name, reasons)
-
-
-def make_estimator(config: CounterConfig) -> OccupancyEstimator:
-    """The estimator that the settings name.
-
-    Raises:
-        ConfigError: unknown name.
-        WeightsError: its weights cannot be loaded.
+    Args:
+        gamma: as estimated.
+        ratios: (n,) true over estimated gamma, on families left out of the fit.
+        name: of the estimator.
+        reasons: what qualifies the estimate.
     """
-    kinds: dict[str, Callable[[Baselines], OccupancyEstimator]] = {
-        "depth_corrected": DepthCorrected, "depth_extrapolated": DepthExtrapolated,
-        "prior": Prior}
-    weights, encoder, depth = (Path(text) if text else None for text in (
-        config.weights, config.encoder_weights, config.depth_weights))
-    if config.estimator == "network":
-        from stack_counter.occupancy.network import (
-            NetworkEstimator,  # brings in torch, which takes seconds
-        )
-
-        return NetworkEstimator(weights, Prior(Baselines()), encoder, depth)
-    if config.estimator == "direct":
-        from stack_counter.occupancy.direct_count import DirectCount
-
-        return DirectCount(weights, Prior(Baselines()))
-    if config.estimator not in kinds:
-        raise ConfigError(f"unknown estimator '{config.estimator}'; expected one of "
-                          f"{sorted([*kinds, 'direct', 'network'])}")
-    return kinds[config.estimator](Baselines(weights))
+    log_ratios = np.log(np.maximum(ratios, _EPSILON))
+    std = max(float(np.std(log_ratios)), _EPSILON)
+    return OccupancyEstimate(gamma, gamma * std, log_ratios / std, name, reasons)

@@ -11,7 +11,7 @@ import numpy as np
 
 from stack_counter.counting import make_count
 from stack_counter.errors import PartError
-from stack_counter.occupancy.baselines import OccupancyEstimator
+from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import CountedScan, focal_length_of, scans_of_same_rig
 from stack_counter.parts.gamma_model import fill_size

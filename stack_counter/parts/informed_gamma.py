@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stack_counter.files import shipped_weights
-from stack_counter.occupancy.baselines import OccupancyEstimator
+from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import scans_of_same_rig
 from stack_counter.parts.gamma_model import Reading, fill_size

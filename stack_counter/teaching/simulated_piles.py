@@ -15,7 +15,7 @@ from stack_counter import geometry
 from stack_counter.config import CounterConfig, ReconstructorConfig
 from stack_counter.container.catalogue import configured_container
 from stack_counter.errors import PartError, ScanError, StackCounterError
-from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
+from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.occupancy.network import NetworkEstimator
 from stack_counter.parts.gamma_model import Reading, fill_size
 from stack_counter.sim import (
@@ -172,7 +172,7 @@ def _scan_pile(scene: Scene, scan: Callable[[Scene], StackVolume], estimator: Oc
         return PileScan(
             counted_reading(volume, unit_volume, estimator, scene.truth.count),
             volume.stack_volume_std / volume.stack_volume, scene.friction,
-            estimator.hidden(volume, unit_volume)
+            estimator.last_layer_input(volume, unit_volume)
             if keep_last_layer_input and isinstance(estimator, NetworkEstimator) else None)
     except StackCounterError:
         return None

@@ -17,13 +17,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 from torch import nn
 
 from stack_counter.errors import ConfigError
-from stack_counter.occupancy.gamma_net import save_members
+from stack_counter.occupancy.checkpoint import save_members
 from stack_counter.occupancy.maps import surface_features
-from stack_counter.occupancy.network import TrainingDomain, doubt_reasons, predict
+from stack_counter.occupancy.network import predict_gamma
+from stack_counter.occupancy.training_domain import TrainingDomain, assess_doubt
 from stack_counter.train.data.batches import fold_of
 from stack_counter.train.data.fused import Scan, read_scans
 from stack_counter.train.gamma import read_member
@@ -53,14 +53,15 @@ def residuals(members: dict[int, nn.Module], scans: list[Scan], fold: dict[str, 
         if net is None or not scan.volume > 0 or not scan.sample.maps.height.any():
             continue
         sample = scan.sample
-        log_gamma, spread, form = predict([net], sample.maps)
-        parts = float(np.exp(log_gamma)) * scan.volume / sample.length_m**3
-        _, wider = doubt_reasons(
-            sample.maps, parts, float(np.exp(form[0])), sample.kind != "none", known
-        )
-        miss = np.log(scan.sample.gamma) - log_gamma + np.log(scan.true_volume / scan.volume)
-        out.append(Residual(scan, float(np.exp(log_gamma)), float(miss),
-                            float(np.hypot(spread * wider, scan.volume_std / scan.volume))))
+        prediction = predict_gamma([net], sample.maps)
+        gamma = float(np.exp(prediction.log_gamma))
+        doubt = assess_doubt(sample.maps, gamma * scan.volume / sample.length_m**3,
+                             float(np.exp(prediction.shape_logs[0])), sample.kind != "none",
+                             known)
+        miss = np.log(sample.gamma) - prediction.log_gamma + np.log(
+            scan.true_volume / scan.volume)
+        out.append(Residual(scan, gamma, float(miss), float(np.hypot(
+            prediction.relative_std * doubt.widening, scan.volume_std / scan.volume))))
     return out
 
 
@@ -83,12 +84,12 @@ def center_of(of: list[Residual]) -> float:
     return float(np.median([np.log(r.scan.sample.gamma / r.gamma) for r in of if r.scan.found]))
 
 
-def scores(of: list[Residual]) -> torch.Tensor:
+def scores(of: list[Residual]) -> np.ndarray:
     """(n,) errors after that correction, in the standard deviations that were predicted for them,
     sorted, of scans whose container was found.
     """
     center = center_of(of)
-    return torch.tensor(np.sort([(r.log_count - center) / r.spread for r in of if r.scan.found]))
+    return np.sort([(r.log_count - center) / r.spread for r in of if r.scan.found])
 
 
 def metrics(of: list[Residual]) -> dict[str, float]:
@@ -125,8 +126,8 @@ def main() -> int:
     known, fold = known_from(scans + single), fold_of(families)
     of, of_one = (residuals(members, group, fold, known) for group in (scans, single))
     tensors = {"scores": scores(of), "scores_one_side": scores(of_one),
-               "centers": torch.tensor([center_of(of), center_of(of_one)], dtype=torch.double),
-               **{name: torch.tensor(value) for name, value in asdict(known).items()}}
+               "centers": np.array([center_of(of), center_of(of_one)]),
+               **asdict(known)}
     found = {f"{k}_found": v for k, v in metrics([r for r in of if r.scan.found]).items()}
     one = {f"{k}_one_view": v for k, v in metrics([r for r in of_one if r.scan.found]).items()}
     errors = {k: round(v, 4) for k, v in {**metrics(of), **found, **one}.items()}

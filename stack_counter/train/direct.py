@@ -13,8 +13,9 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from stack_counter.occupancy.direct_count import TYPICAL, fit_to_tile, predict_log_count
-from stack_counter.occupancy.gamma_net import GammaNet, NetConfig, save_members
+from stack_counter.occupancy.checkpoint import save_members
+from stack_counter.occupancy.direct_count import TYPICAL_COUNT, fit_to_tile, predict_count
+from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.train.data.batches import fold_of
 from stack_counter.train.data.heights import Sample
 from stack_counter.train.gamma import Data, TrainConfig, add_arguments, load_data, train_member
@@ -24,7 +25,7 @@ _WIDTHS = (16, 32, 48, 64)
 
 def to_learn_count(sample: Sample) -> Sample:
     """The sample as one framed picture whose answer is its count."""
-    return replace(sample, maps=fit_to_tile(sample.maps), gamma=sample.count / TYPICAL)
+    return replace(sample, maps=fit_to_tile(sample.maps), gamma=sample.count / TYPICAL_COUNT)
 
 
 def main() -> int:
@@ -47,14 +48,15 @@ def main() -> int:
     path = options.out / "direct.pt"
     train_member(net, known, held, config, path)
     net.load_state_dict(torch.load(path, weights_only=True)["best"])
-    said = [predict_log_count(net.eval(), s.maps) for s in held.samples]
-    miss = np.array([np.log(s.gamma * TYPICAL) - log for s, (log, _) in zip(held.samples, said)])
+    predictions = [predict_count(net.eval(), s.maps) for s in held.samples]
+    miss = np.array([np.log(s.gamma * TYPICAL_COUNT) - p.log_count
+                     for s, p in zip(held.samples, predictions)])
     errors = {"scans": len(miss),
               "count_mean_relative_error": float(np.abs(np.expm1(-miss)).mean())}
-    scores = np.sort(miss / np.array([spread for _, spread in said]))
+    scores = np.sort(miss / np.array([p.std for p in predictions]))
     save_members(options.out / "direct.safetensors", [net],
                  {"learnt": "count", "errors": json.dumps(errors)},
-                 {"scores": torch.tensor(scores)})
+                 {"scores": scores})
     print(json.dumps(errors))
     return 0
 

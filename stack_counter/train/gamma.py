@@ -21,7 +21,8 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
 from stack_counter.errors import ConfigError
-from stack_counter.occupancy.gamma_net import GammaNet, make_net
+from stack_counter.occupancy.checkpoint import make_net
+from stack_counter.occupancy.gamma_net import GammaNet
 from stack_counter.train.data.batches import BLIND, FOLDS, batches, fold_of, make_tile, targets
 from stack_counter.train.data.fused import read_scans
 from stack_counter.train.data.heights import Sample, load_samples
@@ -181,7 +182,7 @@ def train_member(net: nn.Module, data: Data, held: Data, config: TrainConfig, pa
         for x, y in tqdm(source, total=steps, desc=f"{path.stem} epoch {epoch}", mininterval=30):
             with torch.autocast("cpu", torch.bfloat16):
                 loss = net.loss(x.to(memory_format=torch.channels_last), y,
-                                likelihood=config.likelihood, form_weight=config.form_weight)
+                                likelihood=config.likelihood, shape_weight=config.form_weight)
             optimizer.zero_grad()
             loss.backward()
             torch.nn.utils.clip_grad_norm_(net.parameters(), 5.0)

@@ -21,9 +21,9 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
-from stack_counter.occupancy.gamma_net import load_members
+from stack_counter.occupancy.checkpoint import load_members
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
-from stack_counter.occupancy.network import TrainingDomain
+from stack_counter.occupancy.training_domain import TrainingDomain
 from stack_counter.parts.gamma_model import FEATURES, GammaModel, Reading, fill_features
 from stack_counter.parts.part_models import PartModels
 from stack_counter.sim import SCENES_PER_RIG
@@ -193,20 +193,19 @@ def main() -> int:
                         default=Path(__file__).parents[1] / "weights" / "gamma.safetensors")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
-    members, facts, more = load_members(options.weights)
-    known = TrainingDomain(
-        *(more[name].double().numpy() for name in ("middle", "whiten", "reach"))
-    )
+    checkpoint = load_members(options.weights)
+    known = TrainingDomain(*(checkpoint.calibration[name]
+                             for name in ("middle", "whiten", "reach")))
     fold = fold_of(json.loads(options.families.read_text()))
     models = []
     for folder, title, center in zip((options.scans, options.one_view), ("around", "one side"),
-                                     more["centers"].tolist()):
-        of = residuals(dict(enumerate(members)), read_scans(folder), fold, known)
+                                     checkpoint.calibration["centers"].tolist()):
+        of = residuals(dict(enumerate(checkpoint.members)), read_scans(folder), fold, known)
         models.append(model_of(rigs_of(of, center), title))
         between, within = volume_errors(of)
         print(f"center {center:+.3f}, here {center_of(of):+.3f}; log V's error between rigs "
               f"{np.round(between, 5).tolist()}, standard deviation within {within:.3f}")
-    PartModels(f"network {facts['version']}", *models,
+    PartModels(f"network {checkpoint.facts['version']}", *models,
                made="simulated rigs of training parts").write(options.out)
     return 0
 

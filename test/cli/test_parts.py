@@ -142,7 +142,7 @@ def test_a_part_from_its_mesh(tmp_path, capsys):
 def test_a_wrong_part_in_the_bin_is_told(tmp_path, capsys, catalogue):
     """The piles say 0.6, the network something else by far, and the answer says so."""
     from stack_counter.config import CounterConfig
-    from stack_counter.occupancy.baselines import make_estimator
+    from stack_counter.occupancy import make_estimator
 
     models = PartModels(
         make_estimator(CounterConfig()).name, gamma_model(said=0.01), gamma_model(), "piles"

@@ -6,7 +6,7 @@ import torch
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, TILE, make_maps, network_channels
 from stack_counter.types import Container, HeightMap, StackVolume, ViewTally
 
-SCORES = {"scores": torch.linspace(-2, 2, 41)}
+SCORES = {"scores": np.linspace(-2, 2, 41)}
 
 
 def stack_volume_of_heights(heights, floor=0.0, pitch=0.002, kind="box", key_view=None):

@@ -6,7 +6,7 @@ import torch
 from kits.surfaces import SCORES, network_inputs
 
 from stack_counter.errors import WeightsError
-from stack_counter.occupancy.gamma_net import load_members, make_net, save_members
+from stack_counter.occupancy.checkpoint import load_members, make_net, save_members
 
 transformers = pytest.importorskip("transformers", reason="DINOv2 needs the extra models")
 
@@ -70,7 +70,7 @@ def test_the_decoder_alone_is_written_and_comes_back(dino, tmp_path):
     net, path = make_net("dinov2", dino).eval(), tmp_path / "w.safetensors"
     save_members(path, [net], {}, SCORES)
     assert path.stat().st_size < 2 * sum(p.numel() for p in net.decoder.parameters()) + 20_000
-    back = load_members(path, dino)[0][0]
+    back = load_members(path, dino).members[0]
     with torch.no_grad():
         assert torch.allclose(net(network_inputs(2))[0], back(network_inputs(2))[0], atol=1e-2)
     with pytest.raises(WeightsError, match="no folder with its weights is named"):
@@ -86,6 +86,6 @@ def test_a_picture_gets_nearness(depth_anything):
     from stack_counter.occupancy.depth_anything import MonocularDepth
 
     picture = np.random.default_rng(0).integers(0, 255, (40, 60, 3), np.uint8)
-    near = MonocularDepth(depth_anything).nearness(picture)
+    near = MonocularDepth(depth_anything).estimate_nearness(picture)
     assert near.shape == (40, 60) and near.dtype == np.float32
     assert (near.min(), near.max()) == (0, pytest.approx(1))

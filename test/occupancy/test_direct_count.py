@@ -8,14 +8,16 @@ import torch
 
 from stack_counter.config import CounterConfig
 from stack_counter.errors import WeightsError
-from stack_counter.occupancy.baselines import Baselines, Prior, make_estimator
+from stack_counter.occupancy import make_estimator
+from stack_counter.occupancy.baselines import Baselines, Prior
+from stack_counter.occupancy.checkpoint import save_members
 from stack_counter.occupancy.direct_count import (
-    TYPICAL,
+    TYPICAL_COUNT,
     DirectCount,
     fit_to_tile,
-    predict_log_count,
+    predict_count,
 )
-from stack_counter.occupancy.gamma_net import GammaNet, NetConfig, save_members
+from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.maps import TILE, make_maps
 from stack_counter.train import direct, gamma
 from stack_counter.train.data.heights import Sample
@@ -46,7 +48,7 @@ def test_a_picture_twice_as_fine_is_the_same_picture():
 def test_gamma_is_what_gives_the_count(tmp_path):
     torch.manual_seed(0)
     net, path = GammaNet(SMALL).eval(), tmp_path / "w.safetensors"
-    save_members(path, [net], {"learnt": "count"}, {"scores": torch.linspace(-1, 1, 9)})
+    save_members(path, [net], {"learnt": "count"}, {"scores": np.linspace(-1, 1, 9)})
     estimator = make_estimator(CounterConfig(estimator="direct", weights=str(path)))
     stack = volume(1e-3)
     counts = []
@@ -54,12 +56,12 @@ def test_gamma_is_what_gives_the_count(tmp_path):
         estimate = estimator.estimate(stack, unit)
         counts.append(estimate.gamma * stack.stack_volume / unit)
     assert counts[0] == pytest.approx(counts[1], rel=0.02)  # it does not know v
-    assert 0.05 * TYPICAL < counts[0] < 20 * TYPICAL
+    assert 0.05 * TYPICAL_COUNT < counts[0] < 20 * TYPICAL_COUNT
 
 
 def test_other_weights_are_refused(tmp_path):
     path = tmp_path / "w.safetensors"
-    save_members(path, [GammaNet(SMALL)], {}, {"scores": torch.zeros(3)})
+    save_members(path, [GammaNet(SMALL)], {}, {"scores": np.zeros(3)})
     with pytest.raises(WeightsError, match="has learnt 'gamma'; expected 'count'"):
         DirectCount(path, Prior(Baselines()))
 
@@ -76,5 +78,5 @@ def test_training_writes_what_the_estimator_loads(tmp_path, monkeypatch):
                                      "--epochs", "1"])
     assert direct.main() == 0
     loaded = DirectCount(tmp_path / "direct.safetensors", Prior(Baselines()))
-    log_count, spread = predict_log_count(loaded._net, fit_to_tile(samples[0].maps))
-    assert np.isfinite(log_count) and spread > 0
+    prediction = predict_count(loaded._net, fit_to_tile(samples[0].maps))
+    assert np.isfinite(prediction.log_count) and prediction.std > 0

@@ -2,19 +2,15 @@
 
 import pickle
 
+import numpy as np
 import pytest
 import torch
 from kits.surfaces import SCORES, network_inputs
 from safetensors.torch import save_file
 
 from stack_counter.errors import WeightsError
-from stack_counter.occupancy.gamma_net import (
-    SHAPE_OUTPUTS,
-    GammaNet,
-    NetConfig,
-    load_members,
-    save_members,
-)
+from stack_counter.occupancy.checkpoint import load_members, save_members
+from stack_counter.occupancy.gamma_net import SHAPE_OUTPUTS, GammaNet, NetConfig
 from stack_counter.occupancy.maps import CHANNELS, TILE
 
 SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)
@@ -60,13 +56,13 @@ def test_it_learns_four_samples_by_heart():
 def test_members_and_calibration_come_back_as_written(tmp_path):
     nets = [GammaNet(SMALL).eval() for _ in range(2)]
     save_members(tmp_path / "w.safetensors", nets, {"version": "x"}, SCORES)
-    back, facts, more = load_members(tmp_path / "w.safetensors")
+    checkpoint = load_members(tmp_path / "w.safetensors")
     x = network_inputs(2)
     with torch.no_grad():
-        for a, b in zip(nets, back):
+        for a, b in zip(nets, checkpoint.members):
             assert torch.allclose(a(x)[0], b(x)[0], atol=5e-3)  # kept in half precision
-    assert facts["version"] == "x" and facts["members"] == "2"
-    assert torch.equal(more["scores"], SCORES["scores"])
+    assert checkpoint.facts["version"] == "x" and checkpoint.facts["members"] == "2"
+    np.testing.assert_array_equal(checkpoint.calibration["scores"], SCORES["scores"])
 
 
 def test_what_is_no_weights_file_is_refused(tmp_path):

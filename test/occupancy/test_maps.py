@@ -13,9 +13,9 @@ from stack_counter.occupancy.maps import (
     key_view_maps,
     make_maps,
     network_channels,
+    split_into_tiles,
     stack_maps,
     surface_features,
-    tiles,
 )
 from stack_counter.types import (
     PARTS,
@@ -57,7 +57,7 @@ def test_what_is_not_valid_does_not_leak_into_the_heights():
 def test_tiles_cover_the_stack(rows, cols, count):
     surface = np.random.default_rng(0).uniform(1, 2, (rows, cols)).astype(np.float32)
     maps = make_maps(surface, np.zeros_like(surface), np.ones((rows, cols), bool), True)
-    pieces = tiles(maps)
+    pieces = split_into_tiles(maps)
     assert len(pieces) == count
     assert all(piece.top.shape == (TILE, TILE) for piece in pieces)
     seen = {round(float(v), 6) for piece in pieces for v in piece.top[piece.valid]}

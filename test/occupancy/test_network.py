@@ -9,10 +9,12 @@ from kits.surfaces import sine_hills, stack_volume_of_heights
 
 from stack_counter.config import CounterConfig
 from stack_counter.errors import ScanError, WeightsError
-from stack_counter.occupancy.baselines import Baselines, Prior, make_estimator
-from stack_counter.occupancy.gamma_net import GammaNet, NetConfig, save_members, save_tuning
+from stack_counter.occupancy import make_estimator
+from stack_counter.occupancy.baselines import Baselines, Prior
+from stack_counter.occupancy.checkpoint import save_members, save_tuning
+from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.maps import stack_maps, surface_features
-from stack_counter.occupancy.network import NetworkEstimator, predict
+from stack_counter.occupancy.network import NetworkEstimator, predict_gamma
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.informed_gamma import estimate_occupancy, tuned_estimator
 
@@ -27,9 +29,9 @@ def weights(tmp_path):
     middle = surface_features(stack_maps(stack_volume_of_heights(sine_hills(1.0)), V))
     path = tmp_path / "w.safetensors"
     save_members(path, nets, {"version": "test"}, {
-        "scores": torch.linspace(-2, 2, 41), "scores_one_side": torch.linspace(-3, 3, 21),
-        "centers": torch.tensor([0.1, 0.0]), "middle": torch.tensor(middle),
-        "whiten": torch.eye(6, dtype=torch.double) / 0.2, "reach": torch.tensor([3.0])})
+        "scores": np.linspace(-2, 2, 41), "scores_one_side": np.linspace(-3, 3, 21),
+        "centers": np.array([0.1, 0.0]), "middle": middle,
+        "whiten": np.eye(6) / 0.2, "reach": np.array([3.0])})
     return path
 
 
@@ -68,7 +70,7 @@ def test_tiles_count_by_what_stands_in_them(weights):
     wide = np.full((90, 400), 0.01)
     wide[:, :90] = alone
     maps = [stack_maps(stack_volume_of_heights(h, 0.01), V) for h in (alone, wide)]
-    one, other = (np.exp(predict(net._members, m)[0]) for m in maps)
+    one, other = (np.exp(predict_gamma(net._members, m).log_gamma) for m in maps)
     assert one == pytest.approx(other, rel=0.3)
 
 
@@ -118,7 +120,7 @@ def test_tuned_last_layers_say_what_the_ridge_wants(weights, tmp_path):
         stack_volume_of_heights(sine_hills(1.0)),
         tmp_path / "t.safetensors",
     )
-    read = net.hidden(volume, V)
+    read = net.last_layer_input(volume, V)
     assert read.shape == (2, 16)
     save_tuning(path, 0.1 * read / (read**2).sum(axis=1, keepdims=True), 0.05, net.name)
     before, after = (n.estimate(volume, V).gamma for n in (net, net.tuned(path)))
@@ -137,7 +139,7 @@ def test_tuned_layers_of_another_network_are_refused(weights, tmp_path):
         network(weights).tuned(path)
     with pytest.raises(WeightsError, match="expected 'stack_counter tuning 1'"):
         network(weights).tuned(weights)
-    with pytest.raises(WeightsError, match="no whole safetensors file"):
+    with pytest.raises(WeightsError, match="no weights file"):
         network(weights).tuned(tmp_path / "none")
 
 

@@ -7,11 +7,11 @@ import pytest
 import torch
 
 from stack_counter.errors import ConfigError
-from stack_counter.occupancy import gamma_net
+from stack_counter.occupancy import checkpoint
 from stack_counter.occupancy.baselines import Baselines, Prior
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.maps import make_maps
-from stack_counter.occupancy.network import NetworkEstimator
+from stack_counter.occupancy.network import GammaPrediction, NetworkEstimator
 from stack_counter.train import calibrate, gamma
 from stack_counter.train.data.fused import Scan
 from stack_counter.train.data.heights import Sample, write_samples
@@ -99,8 +99,8 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
 
     def predict(members, maps):
         seen.append(members[0])
-        return 0.0, 0.2, np.zeros(3)
-    monkeypatch.setattr(calibrate, "predict", predict)
+        return GammaPrediction(0.0, 0.2, np.zeros(3))
+    monkeypatch.setattr(calibrate, "predict_gamma", predict)
     nets = {0: GammaNet(SMALL), 1: GammaNet(SMALL)}
     of = calibrate.residuals(nets, scans, fold, calibrate.known_from(scans))
     assert len(of) == 24
@@ -113,7 +113,7 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
 
 
 def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(gamma_net, "NetConfig", lambda *a: NetConfig(*a) if a else SMALL)
+    monkeypatch.setattr(checkpoint, "NetConfig", lambda *a: NetConfig(*a) if a else SMALL)
     run, scans = tmp_path / "run", tmp_path / "scans"
     run.mkdir()
     scans.mkdir()
@@ -132,4 +132,4 @@ def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys):
     assert "gamma_mae" in capsys.readouterr().out
     network = NetworkEstimator(out, Prior(Baselines()))
     assert network.name == "network t1"
-    assert network._known.strangeness(samples[0].maps) < 1.5
+    assert network._domain.distance(samples[0].maps) < 1.5

@@ -22,7 +22,7 @@ from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common.case import Case, Guess
 from stack_counter.eval.common.plot import plot_complexity
 from stack_counter.eval.common.sets import add_set_argument, read_filled_scenes
-from stack_counter.occupancy.baselines import OccupancyEstimator, make_estimator
+from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
 from stack_counter.sim import Scene, ideal_surface, reconstruct
 from stack_counter.types import Container, HeightMap, StackVolume, ViewTally

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which stacks the network has learnt from, and how much it is to be doubted elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, surface_features
+from stack_counter.types import Reason
+
+
+@dataclass(frozen=True)
+class DoubtSettings:
+    """From when on an estimate is doubted, and how much its spread widens; all chosen.
+
+    Calibration widens as the run time does, so that its scores hold for doubted stacks too.
+
+    Attributes:
+        fewest_parts: parts of the smallest training piles.
+        shallow_height: mean height, part lengths, below which parts lie scattered.
+        least_width: part sizes that the container must be wide. Training's are 4 or more; the
+            part size as the network estimates it is off by a tenth.
+        widening: factor of the spread where there is a reason.
+    """
+
+    fewest_parts: int = 12
+    shallow_height: float = 0.35
+    least_width: float = 3.5
+    widening: float = 1.5
+
+
+SETTINGS = DoubtSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingDomain:
+    """The distribution of the surfaces that a network has learnt from; see `surface_features`.
+
+    Attributes:
+        middle: (6,) mean of their features.
+        whiten: (6, 6) matrix that whitens the features.
+        reach: (1,) distance from the middle that 99 of 100 of them keep.
+    """
+
+    middle: np.ndarray
+    whiten: np.ndarray
+    reach: np.ndarray
+
+    def distance(self, maps: StackMaps) -> float:
+        """Mahalanobis distance of a surface's features from the middle, over the reach."""
+        offset = (surface_features(maps) - self.middle) @ self.whiten
+        return float(np.linalg.norm(offset) / self.reach[0])
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """What speaks against an estimate.
+
+    Attributes:
+        reasons: in words; empty if nothing does.
+        widening: factor, at least 1, by which its spread grows.
+    """
+
+    reasons: tuple[Reason, ...]
+    widening: float
+
+
+def assess_doubt(maps: StackMaps, parts: float, part_size: float, walled: bool,
+                 domain: TrainingDomain) -> Doubt:
+    """Compares a stack with those that the network has learnt from.
+
+    Args:
+        maps: its surface.
+        parts: estimated number of parts.
+        part_size: estimated part size, part lengths.
+        walled: the stack stands in a container.
+        domain: what the network has learnt from.
+    """
+    distance = domain.distance(maps)
+    narrowest = min(maps.valid.shape) / PIXELS_PER_LENGTH
+    holds = {
+        Reason.SHALLOW_STACK: maps.height[maps.valid].mean() < SETTINGS.shallow_height,
+        Reason.FEW_PARTS: parts < SETTINGS.fewest_parts,
+        Reason.LARGE_PART: walled and narrowest < SETTINGS.least_width * part_size,
+        Reason.UNLIKE_TRAINING: distance > 1,
+    }
+    reasons = tuple(reason for reason, is_so in holds.items() if is_so)
+    return Doubt(reasons, max(distance, SETTINGS.widening if reasons else 1.0))
