@@ -17,7 +17,7 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "stack_counter"
 # Where slugs stand as strings: where they are defined, and a key of model files.
 ALLOWED = {"types/reasons.py": {reason.value for reason in Reason},
-           "parts/gamma_model.py": {"one_side"}}
+           "parts/part_models.py": {"one_side"}}
 
 
 def stack_volume(**fields):
