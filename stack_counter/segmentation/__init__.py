@@ -14,6 +14,13 @@ class Segmenter(Protocol):
     """Labels one view at a time."""
 
     def segment(self, view: View, stride: int = 1) -> np.ndarray:
-        """Returns the (h, w) uint8 label image of every `stride`-th pixel (0, 1, 2; 255 unknown).
+        """Labels a view.
+
+        Args:
+            view: colour, depth or given labels, as the implementation needs them.
+            stride: step between labelled pixels along rows and columns.
+
+        Returns:
+            (h, w) uint8 label image of every `stride`-th pixel (0, 1, 2; 255 unknown).
         """
         ...

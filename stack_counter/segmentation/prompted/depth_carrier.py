@@ -9,7 +9,7 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.fusion.region import Region
-from stack_counter.segmentation.prompted.color_models import CLASSES, NEVER
+from stack_counter.segmentation.prompted.color_models import NUM_CLASSES, RULED_OUT
 from stack_counter.types import View
 
 
@@ -53,10 +53,10 @@ class DepthCarrier:
             container: whether it is marked; if not, what stands in the region is parts.
         """
         self._region = region
-        self._parts_share = 0.5 if container else 1 - NEVER  # of what is not background
+        self._parts_share = 0.5 if container else 1 - RULED_OUT  # of what is not background
         size = region.high - region.low
         self._cell = max(SETTINGS.cell_m, float(size.max()) / SETTINGS.max_cells)
-        self._votes = np.zeros((*np.ceil(size / self._cell).astype(int), CLASSES), np.float32)
+        self._votes = np.zeros((*np.ceil(size / self._cell).astype(int), NUM_CLASSES), np.float32)
 
     def background(self, view: View) -> np.ndarray:
         """Returns the (h, w) float32 probability of background from height and region."""

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.segmentation.prompted.color_models import NEVER
+from stack_counter.segmentation.prompted.color_models import RULED_OUT
 from stack_counter.types import BACKGROUND, PARTS, View
 
 
@@ -98,7 +98,7 @@ class OutlineCarrier:
             most = 1 - max(SETTINGS.first_view_error / self._views, SETTINGS.view_error)
         foreground = np.clip(foreground, SETTINGS.min_probability, most)
         # Split what is not background into container and parts.
-        parts_share: np.ndarray | float = 1 - NEVER
+        parts_share: np.ndarray | float = 1 - RULED_OUT
         if self._container:
             parts_share = np.clip(parts, 2 * SETTINGS.min_probability, SETTINGS.max_parts)
         parts = foreground * parts_share

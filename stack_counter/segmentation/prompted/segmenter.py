@@ -3,17 +3,16 @@
 
     labels = PromptedSegmenter(config).segment_views(views, read_prompts(path))
 
-The first view: the prompts say what may be what, and colour models of background, container and
-parts are learnt and used in turn. Every other view: what the views before it say of the same
-place in space, times the colour models, which go on learning.
-
-Source of the alternation: Rother, Kolmogorov and Blake, "GrabCut" (2004); here with three classes.
+In the first view, prompts give the prior, and colour models of background, container and parts
+are fitted in turn with the labels. In every other view, the prior comes from the labels of earlier
+views at the same place in space, and the likelihood from the colour models, which each labelled
+view updates.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -22,25 +21,46 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ViewError
 from stack_counter.fusion.region import find_region
 from stack_counter.segmentation.prompted.color_models import (
-    NEVER,
+    RULED_OUT,
     ColorModels,
-    color_bins,
-    smoothed,
+    compute_color_bins,
+    smooth_posterior,
 )
 from stack_counter.segmentation.prompted.depth_carrier import DepthCarrier
-from stack_counter.segmentation.prompted.first_view import label_first, marked, prompted_prior
+from stack_counter.segmentation.prompted.first_view import (
+    compute_prompted_prior,
+    find_marked_area,
+    label_first_view,
+)
 from stack_counter.segmentation.prompted.outline_carrier import OutlineCarrier
 from stack_counter.segmentation.prompts import Prompts
 from stack_counter.types import View
 
-_LARGEST = 640  # longest side of the images that are worked on, pixels
+
+@dataclass(frozen=True)
+class PromptedSegmenterSettings:
+    """The size of images; chosen.
+
+    Attributes:
+        max_side_px: longest side of the images that are labelled, pixels; larger ones are resized
+            before, and their labels after.
+    """
+
+    max_side_px: int = 640
+
+
+SETTINGS = PromptedSegmenterSettings()
 
 
 class PromptedSegmenter:
-    """Colour models and poses; depth where all views have it."""
+    """Labels views by colour models and poses, and by depth where all views have it."""
 
     def __init__(self, config: ReconstructorConfig):
-        """`config`: a configured region of interest is used as given."""
+        """Keeps the settings.
+
+        Args:
+            config: settings of the scan; a configured region of interest is used as given.
+        """
         self._config = config
 
     def segment_views(self, views: Sequence[View], prompts: Prompts) -> list[np.ndarray]:
@@ -61,22 +81,26 @@ class PromptedSegmenter:
         if not views:
             return []
         check_views(views, prompts)
-        small = [_shrunk(view) for view in views]
-        first = small[0].intrinsics
-        marks = prompts.scaled(np.array([first.width / views[0].intrinsics.width,
-                                         first.height / views[0].intrinsics.height]))
+        # Resize views and marks.
+        small_views = [_shrink_view(view) for view in views]
+        full, small = views[0].intrinsics, small_views[0].intrinsics
+        small_prompts = prompts.scaled(np.array([small.width / full.width,
+                                                 small.height / full.height]))
+        # Choose how labels are carried to other views.
         carrier: DepthCarrier | OutlineCarrier
         if all(view.depth is not None for view in views):
             region = find_region(list(views), self._config)
             carrier = DepthCarrier(region, prompts.with_container)
         else:
-            area = marked(marks, (first.height, first.width))
-            carrier = OutlineCarrier(small, area, prompts.with_container)
-        return [_label_image(p, view) for p, view in zip(_carry(small, carrier, marks), views)]
+            area = find_marked_area(small_prompts, (small.height, small.width))
+            carrier = OutlineCarrier(small_views, area, prompts.with_container)
+        # Label the small views; enlarge the labels.
+        probabilities = _estimate_probabilities(small_views, carrier, small_prompts)
+        return [_to_label_image(p, view) for p, view in zip(probabilities, views)]
 
 
 def check_views(views: Sequence[View], prompts: Prompts) -> None:
-    """Refuses what no segmenter with prompts can work with.
+    """Refuses views and prompts that no prompted segmenter can label.
 
     Raises:
         PromptError: the prompts do not fit the first view.
@@ -88,40 +112,53 @@ def check_views(views: Sequence[View], prompts: Prompts) -> None:
     prompts.check(views[0].intrinsics.width, views[0].intrinsics.height)
 
 
-def _carry(views: list[View], carrier: DepthCarrier | OutlineCarrier, prompts: Prompts
-           ) -> list[np.ndarray]:
-    """(3, h, w) float32 probabilities for every view."""
+def _estimate_probabilities(views: list[View], carrier: DepthCarrier | OutlineCarrier,
+                            prompts: Prompts) -> list[np.ndarray]:
+    """Returns the (3, h, w) float32 class probabilities of every view.
+
+    Args:
+        views: resized views with colour.
+        carrier: votes or hulls of the labelled views; every view is added to it.
+        prompts: marks in pixels of `views[0]`.
+    """
     colors = [view.color for view in views if view.color is not None]
-    looks, bins = ColorModels(), [color_bins(color) for color in colors]
-    asked, points = prompted_prior(carrier.background(views[0]), prompts)
-    found = [label_first(colors[0], bins[0], asked, points, looks)]
-    carrier.add(views[0], found[0])
-    for view, color, seen in list(zip(views, colors, bins))[1:]:
-        prior = np.maximum(carrier.prior(view), NEVER)
-        found.append(smoothed(np.log(prior) + looks.log(seen), color))
-        looks.add(seen, found[-1])
-        carrier.add(view, found[-1])
-    return found
+    color_bins = [compute_color_bins(color) for color in colors]
+    color_models = ColorModels()
+    # Label the first view by prompts, and fit the colour models to it.
+    first_prior = compute_prompted_prior(carrier.background(views[0]), prompts)
+    probabilities = [label_first_view(colors[0], color_bins[0], first_prior, color_models)]
+    carrier.add(views[0], probabilities[0])
+    for view, color, bins in list(zip(views, colors, color_bins))[1:]:
+        # Label by the carried prior, colours and neighbours.
+        prior = np.maximum(carrier.prior(view), RULED_OUT)
+        p = smooth_posterior(np.log(prior) + color_models.log_likelihood(bins), color)
+        probabilities.append(p)
+        # Update the colour models and the carrier.
+        color_models.add_image(bins, p)
+        carrier.add(view, p)
+    return probabilities
 
 
-def _shrunk(view: View) -> View:
-    """The view at the size that is worked on."""
+def _shrink_view(view: View) -> View:
+    """Returns a view whose image is at most `max_side_px` long, without labels if resized."""
     k = view.intrinsics
-    scale = min(1.0, _LARGEST / max(k.width, k.height))
+    scale = min(1.0, SETTINGS.max_side_px / max(k.width, k.height))
     if scale == 1 or view.color is None:
         return view
+    # Scale the calibration; pixel centres lie on whole numbers.
     width, height = round(k.width * scale), round(k.height * scale)
     x, y = width / k.width, height / k.height
-    smaller = replace(k, width=width, height=height, fx=k.fx * x, fy=k.fy * y,
-                      cx=(k.cx + 0.5) * x - 0.5, cy=(k.cy + 0.5) * y - 0.5)
-    return replace(view, intrinsics=smaller, labels=None, color=cv2.resize(
-        view.color, (width, height), interpolation=cv2.INTER_AREA), depth=None
-        if view.depth is None else cv2.resize(view.depth, (width, height),
-                                              interpolation=cv2.INTER_NEAREST_EXACT))
+    intrinsics = replace(k, width=width, height=height, fx=k.fx * x, fy=k.fy * y,
+                         cx=(k.cx + 0.5) * x - 0.5, cy=(k.cy + 0.5) * y - 0.5)
+    # Average colours, but pick depths: a mean of two surfaces lies on neither.
+    color = cv2.resize(view.color, (width, height), interpolation=cv2.INTER_AREA)
+    depth = None if view.depth is None else cv2.resize(
+        view.depth, (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
+    return replace(view, intrinsics=intrinsics, labels=None, color=color, depth=depth)
 
 
-def _label_image(probabilities: np.ndarray, view: View) -> np.ndarray:
-    """(h, w) uint8 label image of the full view from (3, n, m) probabilities."""
+def _to_label_image(probabilities: np.ndarray, view: View) -> np.ndarray:
+    """Returns the (h, w) uint8 label image of the full view from (3, n, m) probabilities."""
     k = view.intrinsics
     large = [cv2.resize(p, (k.width, k.height), interpolation=cv2.INTER_LINEAR)
              for p in probabilities]
