@@ -1,5 +1,6 @@
-"""What each part of the network and of its training brings: 2,000 scenes, 10 epochs, families
-left out fold by fold, whose truly fused scans are looked at.
+"""What each part of the network and of its training brings.
+
+2,000 scenes, 10 epochs, families left out fold by fold, whose truly fused scans are looked at.
 
     python -m stack_counter.train.ablate --data data/train-deep:2 ... --scans SCANS --out DIR
 """

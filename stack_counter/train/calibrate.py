@@ -34,8 +34,9 @@ _SOFT = 1e-2  # added to the covariance of the features
 
 @dataclass(frozen=True)
 class Residual:
-    """One scan, counted by a member that had not seen its family: gamma, log of true over
-    estimated count, and the latter's relative standard deviation.
+    """One scan, counted by a member that had not seen its family.
+
+    Gamma, log of true over estimated count, and the latter's relative standard deviation.
     """
 
     scan: Scan
@@ -78,8 +79,9 @@ def known_from(scans: list[Scan]) -> TrainingDomain:
 
 
 def center_of(of: list[Residual]) -> float:
-    """Median log of true over said gamma, of scans whose container was found: what members say of
-    families that they have not seen is corrected by it.
+    """Median log of true over said gamma, of scans whose container was found.
+
+    What members say of families that they have not seen is corrected by it.
     """
     return float(np.median([np.log(r.scan.sample.gamma / r.gamma) for r in of if r.scan.found]))
 

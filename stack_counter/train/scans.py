@@ -1,5 +1,6 @@
-"""Recordings of training scenes through the whole reconstruction: what the network is fitted to
-and its errors are measured on, as at run time.
+"""Recordings of training scenes through the whole reconstruction.
+
+What the network is fitted to and its errors are measured on, as at run time.
 
     python -m stack_counter.train.scans OUT data/train-deep:6 data/train-shallow:27 --workers 2
 """

@@ -56,8 +56,9 @@ def tile_of(maps: StackMaps, random: np.random.Generator) -> StackMaps:
 
 
 def blinded(x: np.ndarray) -> np.ndarray:
-    """Channels as a single view without a known container gives them: no wall and no floor, the
-    height being that over the lowest part of the surface.
+    """Channels as a single view without a known container gives them.
+
+    No wall and no floor, the height being that over the lowest part of the surface.
     """
     valid = x[1] > 0
     if not valid.any():
@@ -67,8 +68,9 @@ def blinded(x: np.ndarray) -> np.ndarray:
 
 
 def make_tile(of: Sample, as_is: bool, seed: tuple[int, ...], blind: float = BLIND) -> np.ndarray:
-    """(CHANNELS, TILE, TILE) float32 of a sample; `as_is`: not degraded, e.g. truly fused;
-    `blind`: how likely it is to be blinded.
+    """(CHANNELS, TILE, TILE) float32 of a sample.
+
+    `as_is`: not degraded, e.g. truly fused; `blind`: how likely it is to be blinded.
     """
     random = np.random.default_rng(seed)
     tile = tile_of(of.maps if as_is else degraded(of, random), random)
@@ -84,8 +86,9 @@ def targets(samples: list[Sample]) -> torch.Tensor:
 def batches(samples: list[Sample], as_is: list[bool], weights: np.ndarray, size: int, count: int,
             seed: tuple[int, ...], blind: float = BLIND
             ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-    """`count` batches of (size, CHANNELS, TILE, TILE) and targets, drawn by weight; prepared in a
-    thread.
+    """`count` batches of (size, CHANNELS, TILE, TILE) and targets, drawn by weight.
+
+    Prepared in a thread.
     """
     random = np.random.default_rng(seed)
     chosen = random.choice(len(samples), (count, size), p=weights / weights.sum())

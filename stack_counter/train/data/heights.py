@@ -125,9 +125,7 @@ def _keep(job: tuple[Path, Path]) -> None:
 
 
 def write_samples(out: Path, samples: list[Sample], **more: np.ndarray) -> None:
-    """Writes samples as `read_samples` reads them, beside arrays of the caller's, all or
-    nothing.
-    """
+    """Writes samples as `read_samples` reads them, beside arrays of the caller's, all or none."""
     def coded(heights: np.ndarray) -> np.ndarray:
         return np.round(np.clip(heights, -65, 65) * _STEPS).astype(np.int16)
 
