@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # make setup: everything into .venv | demo: count a recorded bag twice | test: lint and tests
 # make soak: many scans in a row, and every node killed in every state (some ten minutes)
 # PYTHON=/path/to/python3.12 make setup: with an interpreter of your choice (3.10 to 3.13)
@@ -10,7 +11,7 @@ IN_VENV := source .venv/ros.bash &&
 .PHONY: help setup demo test lint soak clean
 
 help:
-	@sed -n '1,3s/^# //p' Makefile
+	@sed -n '2,4s/^# //p' Makefile
 
 setup:
 	@PYTHON="$(PYTHON)" bash scripts/setup.sh

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Package `stack_counter`: what is installed where, and every dependency with its version.
 
 Versions are stated here and nowhere else. Each lower bound is a release that the tests ran with.

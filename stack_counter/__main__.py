@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`python -m stack_counter` is `stack-counter`."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings: one dataclass for each node; its fields are the node's ROS parameters.
 
 The same YAML file (ROS parameter syntax) serves the nodes, launch and `--direct`:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """count = gamma * V / v, and how sure that is (paper, equation 1)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Errors: one class for each cause that a caller can act on.
 
 Every message holds the value seen and the value expected, on one line.

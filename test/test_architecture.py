@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Who may import what: one table, a ladder in which no circle can be written (CONTRIBUTING.md)."""
 
 import ast

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The settings file documents every parameter and its default."""
 
 import dataclasses

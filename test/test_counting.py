@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The count, its interval, the verdict and the baselines."""
 
 import pickle

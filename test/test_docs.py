@@ -27,6 +27,18 @@ def test_the_five_lines_of_the_readme_count_the_demo_bin():
     assert "184 parts" in done.stdout
 
 
+def test_every_source_file_names_its_licence():
+    """All but a message of ROS's own."""
+    files = [path for folder in ("stack_counter", "test", "scripts", "launch", "msg_defs")
+             for path in (ROOT / folder).rglob("*") if path.suffix in (
+                 ".py", ".sh", ".msg", ".srv", ".action", ".cmake")
+             and path.name != "TFMessage.msg"]
+    assert len(files) > 200
+    for path in [*files, ROOT / "setup.py", ROOT / "Makefile", ROOT / ".ci" / "run"]:
+        head = path.read_text().splitlines()[:2]
+        assert "# SPDX-License-Identifier: Apache-2.0" in head, path
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_import_line_runs(page):
     lines = [line for block in python_blocks(page) for line in block.splitlines()

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`StackCounter`: refusals, tally, key view, rectification."""
 
 from dataclasses import replace

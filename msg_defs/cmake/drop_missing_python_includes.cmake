@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # Removes include directories of the form /opt/python/... that do not exist from imported targets.
 #
 # The ROS 2 wheels on PyPI were built in a manylinux image, and their CMake files still name that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Surface maps and network inputs made of formulas."""
 
 import numpy as np

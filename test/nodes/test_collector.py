@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The collector over real DDS: what comes in, what goes on, and that nothing is lost."""
 
 from kits.harness import Camera

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The continuous mode on three real nodes: a count after every pick, none behind."""
 
 from dataclasses import replace

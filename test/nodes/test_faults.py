@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults that a cell has, over real DDS: nothing hangs, what is lost is said, the next scan is
 right."""
 

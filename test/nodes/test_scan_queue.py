@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The collector's queue: order, room, what is given up."""
 
 import numpy as np

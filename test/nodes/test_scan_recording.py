@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The collector records its scans over real DDS: replayed they give the same, whatever happens."""
 
 import json

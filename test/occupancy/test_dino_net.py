@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The paper's network and Depth Anything, on tiny random configurations saved to disk."""
 
 import numpy as np

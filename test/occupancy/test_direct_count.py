@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The baseline that counts straight from the picture: sees no part size, says a count."""
 
 from dataclasses import replace

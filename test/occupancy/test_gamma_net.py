@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The network: shapes, learning, and what its weights file may not be."""
 
 import pickle

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the network reads: lengths in parts, tiles, and maps of a single view."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The network as an estimator: which stacks it knows, and what it says of others."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Views from messages, with the bag reader's decoded messages as input."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What makes a view: partners and calibration of its time, gates; not the order of arrival."""
 
 import random

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cycles of a rig: whole ones, dead cameras, late views, a clock that goes back."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS messages to numpy: round trips, padding, byte order, and what is refused."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rig files: what they may say, and that several assemblers act as one."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The transform buffer: interpolation against scipy, gaps, trees, loops, forgetting."""
 
 import numpy as np
