@@ -2,6 +2,7 @@
 """Who may import what: one table, a ladder in which no circle can be written (CONTRIBUTING.md)."""
 
 import ast
+import graphlib
 import json
 import re
 import subprocess
@@ -111,6 +112,23 @@ def test_the_table_is_a_ladder():
 
 def test_the_table_names_every_file():
     assert {home_of(path) for path in MODULES} == {*GROUND, *LAYERS, "__init__"}
+
+
+def module_name(path: Path) -> str:
+    """Dotted name of a file, relative to the package."""
+    name = ".".join(("stack_counter", *path.with_suffix("").parts))
+    return name.removesuffix(".__init__")
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    modules = {module_name(path): path for path in MODULES}
+    graph = {}
+    for module, path in modules.items():
+        names = imported_names((PACKAGE / path).read_text(), path)
+        graph[module] = {name if name in modules else name.rpartition(".")[0]
+                         for name in names} & set(modules) - {module}
+    assert sum(map(len, graph.values())) > 500
+    graphlib.TopologicalSorter(graph).prepare()  # raises CycleError, which names the circle
 
 
 @pytest.mark.parametrize("path", MODULES, ids=str)
