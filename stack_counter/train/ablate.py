@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each part of the network and of its training brings.
 
 2,000 scenes, 10 epochs, families left out fold by fold, whose truly fused scans are looked at.
@@ -19,8 +20,14 @@ import numpy as np
 import torch
 
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
-from stack_counter.train.data.batches import fold_of
-from stack_counter.train.gamma import TrainConfig, add_arguments, load_data, train_member, watch
+from stack_counter.train.data.batches import assign_folds
+from stack_counter.train.gamma import (
+    TrainConfig,
+    add_arguments,
+    load_data,
+    measure_held_out,
+    train_member,
+)
 
 _SCENES = 2000
 # Name -> changed settings of the network and of the training, scenes (0: all) and, of the names
@@ -50,12 +57,12 @@ def run_variant(job: tuple[argparse.Namespace, str, int]) -> dict:
     # Of the fused scans only those left out are used: to look at what was learnt.
     data = load_data(options)
     known = load_data(argparse.Namespace(**{**vars(options), "data": kept, "scans": []}))
-    fold = fold_of(data.families)
-    held = data.pick(np.array([fold[s.family] == number and fused for s, fused in
+    fold = assign_folds(data.families)
+    held = data.select(np.array([fold[s.family] == number and fused for s, fused in
                                zip(data.samples, data.fused)]))
     allowed = np.flatnonzero([fold[s.family] != number for s in known.samples])
     chosen = np.random.default_rng(options.seed).permutation(allowed)[:scenes or len(allowed)]
-    known = known.pick(np.isin(np.arange(len(known.samples)), chosen))
+    known = known.select(np.isin(np.arange(len(known.samples)), chosen))
     config = replace(TrainConfig(epochs=options.epochs, seed=options.seed), **of_training)
     torch.manual_seed(options.seed)
     path = options.out / f"{name.replace(' ', '_').replace(',', '')}_{number}.pt"
@@ -64,7 +71,7 @@ def run_variant(job: tuple[argparse.Namespace, str, int]) -> dict:
     net = GammaNet(replace(NetConfig(), **of_net))
     net.load_state_dict(state["best"])
     return {"variant": name, "fold": number, "scenes": len(known.samples),
-            **watch(net.eval(), held, 1.0 if config.blind == 1 else 0.0)}
+            **measure_held_out(net.eval(), held, 1.0 if config.blind == 1 else 0.0)}
 
 
 def main() -> int:

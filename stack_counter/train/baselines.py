@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fits the paper's baselines (section 4.3) on simulated piles, fused as at run time.
 
     python -m stack_counter.train.baselines data/train OUT.safetensors --shards 6 --workers 2
@@ -26,7 +27,8 @@ from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, read_shard, record
 
 _QUANTILES = 101
-_FOUND = {"bin": "box", "tray": "box", "none": "none"}  # what the reconstruction makes of a kind
+# What the reconstruction makes of a kind of container.
+_FOUND = {"bin": "box", "tray": "box", "none": "none"}
 
 
 @dataclass(frozen=True)
@@ -51,10 +53,10 @@ class Row:
 def measure_shard(path: Path) -> list[Row]:
     """Rows of a shard's scenes in containers that the reconstruction knows."""
     return [row for scene in read_shard(path) if scene.container.kind in _FOUND
-            if (row := measure(scene))]
+            if (row := measure_scene(scene))]
 
 
-def measure(scene: Scene, views: int = 12) -> Row | None:
+def measure_scene(scene: Scene, views: int = 12) -> Row | None:
     """Records and reconstructs one scene; None, with a line on stderr, if that fails."""
     truth, name = scene.truth, f"{scene.seed}:{scene.index}"
     try:
@@ -74,9 +76,10 @@ def measure(scene: Scene, views: int = 12) -> Row | None:
                height)
 
 
-def volume_errors(rows: list[Row]) -> dict[str, str]:
-    """Mean absolute, mean and 95th percentile of V's relative error, by kind of container, where
-    the container was found for what it is.
+def summarize_volume_errors(rows: list[Row]) -> dict[str, str]:
+    """Summarizes V's relative error by kind of container, where that was found for what it is.
+
+    Returns mean absolute error, mean and 95th percentile.
     """
     out = {}
     for kind in sorted({row.kind for row in rows}):
@@ -89,7 +92,7 @@ def volume_errors(rows: list[Row]) -> dict[str, str]:
     return out
 
 
-def fit(rows: list[Row]) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+def fit_baselines(rows: list[Row]) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """The tensors of the weights file, and the errors on families left out."""
     gamma, height = (np.array([getattr(r, n) for r in rows]) for n in ("gamma", "height"))
     family = np.array([r.family for r in rows])
@@ -129,11 +132,11 @@ def main() -> int:
     options.out.with_suffix(".jsonl").write_text(
         "".join(json.dumps(asdict(row)) + "\n" for row in rows))
     known = [row for row in rows if row.found == _FOUND[row.kind]]
-    tensors, errors = fit(known)
+    tensors, errors = fit_baselines(known)
     facts = {"format": FORMAT, "scenes": str(len(known)), **{k: f"{v:.4f}" for k, v in
                                                             errors.items()}}
     save_file(tensors, options.out, metadata=facts)
-    print(json.dumps({**facts, **volume_errors(rows)}, indent=2))
+    print(json.dumps({**facts, **summarize_volume_errors(rows)}, indent=2))
     return 0
 
 

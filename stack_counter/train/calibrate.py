@@ -1,5 +1,5 @@
-"""Joins trained members to the file that is shipped, with the errors they make on families they
-have not seen.
+# SPDX-License-Identifier: Apache-2.0
+"""Joins trained members to the file that is shipped, with their errors on unseen families.
 
     python -m stack_counter.train.calibrate RUN --scans SCANS --one-view SINGLE --out WEIGHTS
 
@@ -24,30 +24,47 @@ from stack_counter.occupancy.checkpoint import save_members
 from stack_counter.occupancy.maps import surface_features
 from stack_counter.occupancy.network import predict_gamma
 from stack_counter.occupancy.training_domain import TrainingDomain, assess_doubt
-from stack_counter.train.data.batches import fold_of
-from stack_counter.train.data.fused import Scan, read_scans
+from stack_counter.train.data.batches import assign_folds
+from stack_counter.train.data.fused import FusedScan, read_scans
 from stack_counter.train.gamma import read_member
-
-_KNOWN = 0.99  # share of training stacks within the reach of what is known
-_SOFT = 1e-2  # added to the covariance of the features
 
 
 @dataclass(frozen=True)
+class CalibrationSettings:
+    """How the domain of training is described; chosen.
+
+    Attributes:
+        known_share: share of the training stacks that lie within the domain.
+        covariance_floor: added to the variances of the surface features.
+    """
+
+    known_share: float = 0.99
+    covariance_floor: float = 1e-2
+
+
+SETTINGS = CalibrationSettings()
+
+
+@dataclass(frozen=True, eq=False)
 class Residual:
     """One scan, counted by a member that had not seen its family.
 
-    Gamma, log of true over estimated count, and the latter's relative standard deviation.
+    Attributes:
+        scan: the scan.
+        gamma: estimated occupancy ratio.
+        log_count: log of true over estimated count.
+        spread: relative standard deviation that was predicted for the count.
     """
 
-    scan: Scan
+    scan: FusedScan
     gamma: float
     log_count: float
     spread: float
 
 
-def residuals(members: dict[int, nn.Module], scans: list[Scan], fold: dict[str, int],
+def count_with_members(members: dict[int, nn.Module], scans: list[FusedScan], fold: dict[str, int],
               known: TrainingDomain) -> list[Residual]:
-    """Of all scans of whose fold there is a member; doubted as at run time."""
+    """Counts the scans whose fold has a member, with the doubts of the run time."""
     out = []
     for scan in scans:
         net = members.get(fold[scan.sample.family])
@@ -66,40 +83,45 @@ def residuals(members: dict[int, nn.Module], scans: list[Scan], fold: dict[str, 
     return out
 
 
-def known_from(scans: list[Scan]) -> TrainingDomain:
-    """What the surfaces of scans say."""
+def fit_training_domain(scans: list[FusedScan]) -> TrainingDomain:
+    """Fits the domain of training: mean, whitening and reach of the surface features."""
     features = np.array(
         [surface_features(s.sample.maps) for s in scans if s.sample.maps.height.any()]
     )
     middle = features.mean(axis=0)
-    values, vectors = np.linalg.eigh(np.cov(features.T) + _SOFT * np.eye(features.shape[1]))
+    values, vectors = np.linalg.eigh(
+        np.cov(features.T) + SETTINGS.covariance_floor * np.eye(features.shape[1])
+    )
     whiten = vectors / np.sqrt(values)
-    reach = np.quantile(np.linalg.norm((features - middle) @ whiten, axis=1), _KNOWN)
+    reach = np.quantile(np.linalg.norm((features - middle) @ whiten, axis=1), SETTINGS.known_share)
     return TrainingDomain(middle, whiten, np.array([reach]))
 
 
-def center_of(of: list[Residual]) -> float:
-    """Median log of true over said gamma, of scans whose container was found.
+def median_log_error(residuals: list[Residual]) -> float:
+    """Returns the median log of true over estimated gamma, where the container was found.
 
-    What members say of families that they have not seen is corrected by it.
+    Estimates of families that a member has not seen are corrected by it.
     """
-    return float(np.median([np.log(r.scan.sample.gamma / r.gamma) for r in of if r.scan.found]))
+    return float(
+        np.median([np.log(r.scan.sample.gamma / r.gamma) for r in residuals if r.scan.found])
+    )
 
 
-def scores(of: list[Residual]) -> np.ndarray:
-    """(n,) errors after that correction, in the standard deviations that were predicted for them,
-    sorted, of scans whose container was found.
+def conformal_scores(residuals: list[Residual]) -> np.ndarray:
+    """Returns the (n,) sorted errors after the median's correction, where the container was found.
+
+    They are in the standard deviations that were predicted for them.
     """
-    center = center_of(of)
-    return np.sort([(r.log_count - center) / r.spread for r in of if r.scan.found])
+    center = median_log_error(residuals)
+    return np.sort([(r.log_count - center) / r.spread for r in residuals if r.scan.found])
 
 
-def metrics(of: list[Residual]) -> dict[str, float]:
-    """Errors on families left out; of gamma, and of the count where the container was found."""
-    true = np.array([r.scan.sample.gamma for r in of])
-    guess = np.array([r.gamma for r in of])
-    count = np.exp(-np.array([r.log_count for r in of])) - 1
-    return {"scans": len(of), "gamma_mae": float(np.abs(guess - true).mean()),
+def summarize_errors(residuals: list[Residual]) -> dict[str, float]:
+    """Summarizes the errors of gamma and of the count on families left out."""
+    true = np.array([r.scan.sample.gamma for r in residuals])
+    guess = np.array([r.gamma for r in residuals])
+    count = np.exp(-np.array([r.log_count for r in residuals])) - 1
+    return {"scans": len(residuals), "gamma_mae": float(np.abs(guess - true).mean()),
             "gamma_bias": float((guess - true).mean()),
             "gamma_r2": float(1 - ((guess - true) ** 2).mean() / true.var()),
             "count_mean_relative_error": float(np.abs(count).mean()),
@@ -125,23 +147,33 @@ def main() -> int:
     scans = read_scans(options.scans)
     families = json.loads((options.run / "families.json").read_text())
     single = read_scans(options.one_view)
-    known, fold = known_from(scans + single), fold_of(families)
-    of, of_one = (residuals(members, group, fold, known) for group in (scans, single))
-    tensors = {"scores": scores(of), "scores_one_side": scores(of_one),
-               "centers": np.array([center_of(of), center_of(of_one)]),
-               **asdict(known)}
-    found = {f"{k}_found": v for k, v in metrics([r for r in of if r.scan.found]).items()}
-    one = {f"{k}_one_view": v for k, v in metrics([r for r in of_one if r.scan.found]).items()}
-    errors = {k: round(v, 4) for k, v in {**metrics(of), **found, **one}.items()}
+    known, fold = fit_training_domain(scans + single), assign_folds(families)
+    from_arc, from_one_view = (
+        count_with_members(members, group, fold, known) for group in (scans, single)
+    )
+    tensors = {
+        "scores": conformal_scores(from_arc),
+        "scores_one_side": conformal_scores(from_one_view),
+        "centers": np.array([median_log_error(from_arc), median_log_error(from_one_view)]),
+        **asdict(known),
+    }
+    found = {
+        f"{k}_found": v for k, v in summarize_errors([r for r in from_arc if r.scan.found]).items()
+    }
+    one = {
+        f"{k}_one_view": v
+        for k, v in summarize_errors([r for r in from_one_view if r.scan.found]).items()
+    }
+    errors = {k: round(v, 4) for k, v in {**summarize_errors(from_arc), **found, **one}.items()}
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True,
                             text=True, check=False).stdout.strip()
     facts = {"version": options.version, "commit": commit, "errors": json.dumps(errors)}
     save_members(options.out, list(members.values()), facts, tensors)
     print(json.dumps(errors, indent=2))
-    for name in sorted({r.scan.sample.kind for r in of}):
-        group = [r for r in of if r.scan.sample.kind == name and r.scan.found]
+    for name in sorted({r.scan.sample.kind for r in from_arc}):
+        group = [r for r in from_arc if r.scan.sample.kind == name and r.scan.found]
         if group:
-            e = metrics(group)
+            e = summarize_errors(group)
             print(f"{name:10}{len(group):5} gamma MAE {e['gamma_mae']:.3f} bias "
                   f"{e['gamma_bias']:+.3f} R2 {e['gamma_r2']:.2f}, count "
                   f"{e['count_mean_relative_error']:.3f}")

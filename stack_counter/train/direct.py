@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trains the baseline that says the count straight from the picture.
 
 python -m stack_counter.train.direct --data data/train-deep:2 ... --scans SCANS --out OUT
@@ -16,14 +17,20 @@ import torch
 from stack_counter.occupancy.checkpoint import save_members
 from stack_counter.occupancy.direct_count import TYPICAL_COUNT, fit_to_tile, predict_count
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
-from stack_counter.train.data.batches import fold_of
+from stack_counter.train.data.batches import assign_folds
 from stack_counter.train.data.heights import Sample
-from stack_counter.train.gamma import Data, TrainConfig, add_arguments, load_data, train_member
+from stack_counter.train.gamma import (
+    TrainConfig,
+    TrainingData,
+    add_arguments,
+    load_data,
+    train_member,
+)
 
 _WIDTHS = (16, 32, 48, 64)
 
 
-def to_learn_count(sample: Sample) -> Sample:
+def with_log_count_target(sample: Sample) -> Sample:
     """The sample as one framed picture whose answer is its count."""
     return replace(sample, maps=fit_to_tile(sample.maps), gamma=sample.count / TYPICAL_COUNT)
 
@@ -36,12 +43,14 @@ def main() -> int:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     data = load_data(options)
-    fold, number = fold_of(data.families), options.folds[0]
-    framed_all = [to_learn_count(s) for s in data.samples]
+    fold, number = assign_folds(data.families), options.folds[0]
+    framed_all = [with_log_count_target(s) for s in data.samples]
     left_out = np.array([fold[s.family] == number for s in data.samples])
-    held = Data(framed_all, data.fused, data.weights).pick(left_out & np.array(data.fused))
+    held = TrainingData(framed_all, data.fused, data.weights).select(
+        left_out & np.array(data.fused)
+    )
     # As they are: a picture of the whole stack is too coarse for noise to matter.
-    known = Data(framed_all, [True] * len(left_out), data.weights).pick(~left_out)
+    known = TrainingData(framed_all, [True] * len(left_out), data.weights).select(~left_out)
     torch.manual_seed(options.seed)
     net = GammaNet(NetConfig(widths=_WIDTHS))
     config = TrainConfig(epochs=options.epochs, seed=options.seed, form_weight=0.0)

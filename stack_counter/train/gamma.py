@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trains the gamma-network: one member for each fold of families, which it does not see.
 
 stack-counter train --data data/train-deep data/train-shallow --out out/gamma
@@ -23,7 +24,14 @@ from tqdm import tqdm
 from stack_counter.errors import ConfigError
 from stack_counter.occupancy.checkpoint import make_net
 from stack_counter.occupancy.gamma_net import GammaNet
-from stack_counter.train.data.batches import BLIND, FOLDS, batches, fold_of, make_tile, targets
+from stack_counter.train.data.batches import (
+    BLIND,
+    FOLDS,
+    assign_folds,
+    draw_batches,
+    make_input,
+    target_tensor,
+)
 from stack_counter.train.data.fused import read_scans
 from stack_counter.train.data.heights import Sample, load_samples
 
@@ -59,7 +67,7 @@ class TrainConfig:
 
 
 @dataclass(frozen=True)
-class Data:
+class TrainingData:
     """Samples, which of them were truly fused, and how often each is drawn."""
 
     samples: list[Sample]
@@ -71,10 +79,12 @@ class Data:
         """Their names, sorted."""
         return sorted({s.family for s in self.samples})
 
-    def pick(self, chosen: np.ndarray) -> Data:
+    def select(self, chosen: np.ndarray) -> TrainingData:
         """Those of a (n,) bool mask."""
         at = np.flatnonzero(chosen)
-        return Data([self.samples[i] for i in at], [self.fused[i] for i in at], self.weights[at])
+        return TrainingData(
+            [self.samples[i] for i in at], [self.fused[i] for i in at], self.weights[at]
+        )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -117,7 +127,7 @@ def train_fold(options: argparse.Namespace, number: int) -> None:
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     data = load_data(options)
-    fold = fold_of(data.families)
+    fold = assign_folds(data.families)
     of = np.array([fold[s.family] for s in data.samples])
     kept = of != number
     if options.scenes:
@@ -127,11 +137,11 @@ def train_fold(options: argparse.Namespace, number: int) -> None:
     config = TrainConfig(epochs=options.epochs, seed=options.seed)
     torch.manual_seed(options.seed)
     net = make_net(options.encoder, options.encoder_weights)
-    train_member(net, data.pick(kept), data.pick(of == number), config,
+    train_member(net, data.select(kept), data.select(of == number), config,
                  options.out / f"member_{number}.pt")
 
 
-def load_data(options: argparse.Namespace) -> Data:
+def load_data(options: argparse.Namespace) -> TrainingData:
     """Samples of the folders (`DIR` or `DIR:WEIGHT`) and of fused scans.
 
     Raises:
@@ -153,11 +163,13 @@ def load_data(options: argparse.Namespace) -> Data:
     cast = len(samples)
     fused = [scan.sample for folder in options.scans for scan in read_scans(folder)
              if scan.found]
-    return Data(samples + fused, [False] * cast + [True] * len(fused),
+    return TrainingData(samples + fused, [False] * cast + [True] * len(fused),
                 np.array(weights + [3.0] * len(fused)))
 
 
-def train_member(net: nn.Module, data: Data, held: Data, config: TrainConfig, path: Path) -> None:
+def train_member(
+    net: nn.Module, data: TrainingData, held: TrainingData, config: TrainConfig, path: Path
+) -> None:
     """Trains one network, from its checkpoint if there is one; the best epoch is kept."""
     net = net.to(memory_format=torch.channels_last)
     average = AveragedModel(net, multi_avg_fn=get_ema_multi_avg_fn(0.995), use_buffers=True)
@@ -173,11 +185,11 @@ def train_member(net: nn.Module, data: Data, held: Data, config: TrainConfig, pa
         for name, part in parts.items():
             part.load_state_dict(state[name])
         history, best = state["history"], state["best"]
-    while len(history) < config.epochs and _progress(history, config.patience):
+    while len(history) < config.epochs and _makes_progress(history, config.patience):
         begin, epoch, total = time.time(), len(history), 0.0
         net.train()
         as_is = [fused or not config.degrade for fused in data.fused]
-        source = batches(data.samples, as_is, data.weights, config.batch, steps,
+        source = draw_batches(data.samples, as_is, data.weights, config.batch, steps,
                          (config.seed, epoch), config.blind)
         for x, y in tqdm(source, total=steps, desc=f"{path.stem} epoch {epoch}", mininterval=30):
             with torch.autocast("cpu", torch.bfloat16):
@@ -190,28 +202,30 @@ def train_member(net: nn.Module, data: Data, held: Data, config: TrainConfig, pa
             schedule.step()
             average.update_parameters(net)
             total += float(loss.detach())
-        line = {"epoch": epoch, "loss": total / steps, **watch(average.module, held),
+        line = {"epoch": epoch, "loss": total / steps, **measure_held_out(average.module, held),
                 "seconds": time.time() - begin}
         history.append(line)
         print(path.stem, json.dumps({k: round(v, 4) for k, v in line.items()}), flush=True)
         if line["score"] <= min(h["score"] for h in history):
             best = {name: value.clone() for name, value in average.module.state_dict().items()}
-        _write(path, {**{name: part.state_dict() for name, part in parts.items()},
+        _write_checkpoint(path, {**{name: part.state_dict() for name, part in parts.items()},
                       "history": history, "best": best, "config": asdict(config),
                       "encoder": "own" if isinstance(net, GammaNet) else "dinov2"})
 
 
-def _progress(history: list[dict], patience: int) -> bool:
+def _makes_progress(history: list[dict], patience: int) -> bool:
     scores = [line["score"] for line in history]
     return not scores or len(scores) - 1 - int(np.argmin(scores)) < patience
 
 
-def watch(net: torch.nn.Module, held: Data, blind: float = 0.0) -> dict[str, float]:
+def measure_held_out(
+    net: torch.nn.Module, held: TrainingData, blind: float = 0.0
+) -> dict[str, float]:
     """Errors on families left out: `score` is the mean error of log gamma."""
     order = np.random.default_rng(0).permutation(len(held.samples))[:_WATCHED]
-    x = np.stack([make_tile(held.samples[i], held.fused[i], (7, int(i)), blind)
+    x = np.stack([make_input(held.samples[i], held.fused[i], (7, int(i)), blind)
                   for i in order])
-    true = targets([held.samples[i] for i in order])[:, 0]
+    true = target_tensor([held.samples[i] for i in order])[:, 0]
     net.eval()
     with torch.no_grad():
         mean = torch.cat([net(part)[0] for part in torch.from_numpy(x).split(64)])
@@ -223,7 +237,7 @@ def watch(net: torch.nn.Module, held: Data, blind: float = 0.0) -> dict[str, flo
             "bias": float((guess - gamma).mean()), "mae_fused": of_fused}
 
 
-def _write(path: Path, state: dict) -> None:
+def _write_checkpoint(path: Path, state: dict) -> None:
     half = path.with_suffix(".part")
     torch.save(state, half)
     half.replace(path)

@@ -1,11 +1,13 @@
-"""What the scans of one part in one container have in common, of parts that the estimator had not
-seen: `weights/parts.json`, by which one counted bin corrects a part that has no CAD file.
-docs/parts.md says how SCANS and SINGLE, of `simulate --plan rig`, were made.
+# SPDX-License-Identifier: Apache-2.0
+r"""Fits what the scans of one part in one container have in common: `weights/parts.json`.
+
+By it one counted bin corrects a part that has no CAD file. The parts are ones that the estimator
+had not seen; docs/parts.md says how SCANS and SINGLE, of `simulate --plan rig`, were made.
 
     python -m stack_counter.train.parts SCANS --one-view SINGLE --families RUN/families.json \
         --out WEIGHTS
 
-A mixed model (`part_model`): the coefficients of 1 and of the height differ from rig to rig, by a
+A mixed model (`GammaModel`): the coefficients of 1 and of the height differ from rig to rig, by a
 covariance that is found by maximum likelihood, as is the rest.
 """
 
@@ -15,6 +17,7 @@ import argparse
 import json
 import sys
 from collections import defaultdict
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,52 +30,77 @@ from stack_counter.occupancy.training_domain import TrainingDomain
 from stack_counter.parts.gamma_model import FEATURES, GammaModel, Reading, fill_features
 from stack_counter.parts.part_models import PartModels
 from stack_counter.sim import SCENES_PER_RIG
-from stack_counter.train.calibrate import Residual, center_of, residuals
-from stack_counter.train.data.batches import fold_of
+from stack_counter.train.calibrate import Residual, count_with_members, median_log_error
+from stack_counter.train.data.batches import assign_folds
 from stack_counter.train.data.fused import read_scans
 
-_SHARED = 2  # coefficients that differ from rig to rig: of 1 and of the height
-_FOLDS = 6  # of rigs, for the scores
-_LEAST = 4  # scans of a rig
-_SCORES = 400  # kept, evenly spaced
-Rigs = list[list[tuple[Reading, float]]]  # of each rig the readings, with V's relative deviation
+# Coefficients that differ from rig to rig: those of 1 and of the height.
+_SHARED = 2
+# The readings of each rig, with V's relative standard deviation.
+Rigs = list[list[tuple[Reading, float]]]
 
 
-def rigs_of(of: list[Residual], center: float) -> Rigs:
-    """Scans by rig: of the same run, container and part."""
+@dataclass(frozen=True)
+class MixedModelSettings:
+    """How the mixed model is fitted and scored; chosen.
+
+    Attributes:
+        folds: parts of the rigs that are left out in turn.
+        min_scans: fewest scans of a rig that is used.
+        scores: number of scores that are kept, evenly spaced quantiles.
+        max_volume_error: largest relative error of V of a scan whose container was found.
+        draws: random choices of counted scans for each scan that is left out.
+    """
+
+    folds: int = 6
+    min_scans: int = 4
+    scores: int = 400
+    max_volume_error: float = 0.15
+    draws: int = 3
+
+
+SETTINGS = MixedModelSettings()
+
+
+def group_by_rig(residuals: list[Residual], center: float) -> Rigs:
+    """Groups the scans whose container was found by rig: run, container and part."""
     rigs = defaultdict(list)
-    for r in of:
+    for r in residuals:
         if r.scan.found:
             true = np.log(r.scan.sample.gamma * r.scan.true_volume / r.scan.volume)
-            rigs[_rig(r)].append((Reading(*_size(r), np.log(r.gamma) + center, true),
+            rigs[_rig_key(r)].append((Reading(*_fill_size(r), np.log(r.gamma) + center, true),
                                   r.scan.volume_std / r.scan.volume))
-    return [rig for rig in rigs.values() if len(rig) >= _LEAST]
+    return [rig for rig in rigs.values() if len(rig) >= SETTINGS.min_scans]
 
 
-def _rig(of: Residual) -> tuple[str, int, float]:
-    sample = of.scan.sample
+def _rig_key(residual: Residual) -> tuple[str, int, float]:
+    sample = residual.scan.sample
     seed, index = sample.name.split(":")
     return seed, int(index) // SCENES_PER_RIG, sample.length_m
 
 
-def _size(of: Residual) -> tuple[float, float]:
-    """Height and width as `Reading` says."""
-    sample = of.scan.sample
+def _fill_size(residual: Residual) -> tuple[float, float]:
+    """Returns height and width of the fill, in part lengths."""
+    sample = residual.scan.sample
     area = np.count_nonzero(sample.maps.valid) / PIXELS_PER_LENGTH**2
-    return of.scan.volume / sample.length_m**3 / area, float(np.sqrt(area))
+    return residual.scan.volume / sample.length_m**3 / area, float(np.sqrt(area))
 
 
-def volume_errors(of: list[Residual]) -> tuple[np.ndarray, float]:
-    """Log V's error: covariance (2, 2) between rigs of the coefficients of 1 and 1 / (h + 1/2),
-    and standard deviation within them, by maximum likelihood; of scans less than 15% off: what is
-    farther off has missed its container.
+def fit_volume_errors(residuals: list[Residual]) -> tuple[np.ndarray, float]:
+    """Fits the error of log V by maximum likelihood.
+
+    Scans that are farther off than 15% have missed their container and are left out.
+
+    Returns:
+        Covariance (2, 2) between rigs of the coefficients of 1 and 1 / (h + 1/2), and the standard
+        deviation within them.
     """
     rigs = defaultdict(list)
-    for r in of:
+    for r in residuals:
         error = np.log(r.scan.volume / r.scan.true_volume)
-        if r.scan.found and abs(error) < 0.15:
-            rigs[_rig(r)].append((error, *_size(r)))
-    groups = [np.array(rig) for rig in rigs.values() if len(rig) >= _LEAST]
+        if r.scan.found and abs(error) < SETTINGS.max_volume_error:
+            rigs[_rig_key(r)].append((error, *_fill_size(r)))
+    groups = [np.array(rig) for rig in rigs.values() if len(rig) >= SETTINGS.min_scans]
     seen = [(g[:, 0], fill_features(g[:, 1], g[:, 2])[:, :_SHARED]) for g in groups]
 
     def root(p: np.ndarray) -> np.ndarray:
@@ -91,18 +119,24 @@ def volume_errors(of: list[Residual]) -> tuple[np.ndarray, float]:
     return root(p) @ root(p).T, abs(float(p[3]))
 
 
-class Mixed(torch.nn.Module):
+class MixedModel(torch.nn.Module):
     """The mixed model's parameters."""
 
     def __init__(self) -> None:
+        """Starts from small independent deviations."""
         super().__init__()
+
         def square(n: int, size: float) -> torch.nn.Parameter:
             return torch.nn.Parameter(size * torch.eye(n, dtype=torch.double))
+
         self.coefficients = torch.nn.Parameter(torch.zeros(2, FEATURES, dtype=torch.double))
         self.shared, self.noise = square(2 * _SHARED, 0.15), square(2, 0.08)
 
     def loss(self, x: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
-        """Negative log likelihood of a rig's (2 n,) values, features (n, FEATURES)."""
+        """Computes the negative log likelihood of the (2 n,) values of a rig.
+
+        `x`: (n, FEATURES) features of its scans.
+        """
         both = torch.kron(torch.eye(2, dtype=torch.double), x[:, :_SHARED].contiguous())
         shared, noise = (a.tril() @ a.tril().T for a in (self.shared, self.noise))
         covariance = both @ shared @ both.T + torch.kron(noise, torch.eye(len(x)).double())
@@ -111,8 +145,8 @@ class Mixed(torch.nn.Module):
         return -torch.distributions.MultivariateNormal(mean, covariance).log_prob(values)
 
 
-def fit(rigs: Rigs) -> GammaModel:
-    """The model of maximum likelihood; without scores."""
+def fit_mixed_model(rigs: Rigs) -> GammaModel:
+    """Fits the model of maximum likelihood; its scores are left empty."""
     data = [
         (
             torch.tensor(
@@ -125,7 +159,7 @@ def fit(rigs: Rigs) -> GammaModel:
         )
         for rig in rigs
     ]
-    net = Mixed()
+    net = MixedModel()
     steps = torch.optim.LBFGS(net.parameters(), max_iter=200, line_search_fn="strong_wolfe")
 
     def closure() -> torch.Tensor:
@@ -147,38 +181,44 @@ def fit(rigs: Rigs) -> GammaModel:
         np.full(2, np.nan), "training")
 
 
-def errors(rigs: Rigs, counted: int) -> tuple[np.ndarray, np.ndarray]:
-    """Log errors of scans of rigs left out, when so many other scans of theirs are counted, and
-    the same in standard deviations.
+def measure_left_out_errors(rigs: Rigs, counted: int) -> tuple[np.ndarray, np.ndarray]:
+    """Measures the log errors of scans of rigs that the fit left out.
+
+    Args:
+        rigs: all rigs.
+        counted: number of other scans of the same rig that are counted.
+
+    Returns:
+        The errors, and the same in standard deviations.
     """
     random = np.random.default_rng(0)
-    misses, scores = [], []
-    for fold in range(_FOLDS):
-        model = fit([rig for i, rig in enumerate(rigs) if i % _FOLDS != fold])
-        for rig in rigs[fold::_FOLDS]:
+    errors, scores = [], []
+    for fold in range(SETTINGS.folds):
+        model = fit_mixed_model([rig for i, rig in enumerate(rigs) if i % SETTINGS.folds != fold])
+        for rig in rigs[fold::SETTINGS.folds]:
             for i, (scan, deviation) in enumerate(rig):
                 others = [s for k, (s, _) in enumerate(rig) if k != i]
-                for _ in range(3):
+                for _ in range(SETTINGS.draws):
                     taken = random.choice(len(others), counted, replace=False)
                     posterior = model.posterior(
                         Reading(scan.height, scan.width, scan.log_gamma_estimated),
                         [others[k] for k in taken],
                     )
-                    misses.append(scan.log_gamma_counted - posterior.mean)
-                    scores.append(misses[-1] / np.hypot(posterior.std, deviation))
-    return np.array(misses), np.array(scores)
+                    errors.append(scan.log_gamma_counted - posterior.mean)
+                    scores.append(errors[-1] / np.hypot(posterior.std, deviation))
+    return np.array(errors), np.array(scores)
 
 
-def model_of(rigs: Rigs, title: str) -> GammaModel:
-    """The model with its scores; prints its errors."""
+def fit_scored_model(rigs: Rigs, title: str) -> GammaModel:
+    """Fits the model with its scores, and prints its errors."""
     for counted in (1, 3):
-        misses, scores = errors(rigs, counted)
+        errors, scores = measure_left_out_errors(rigs, counted)
         print(f"{title}: {len(rigs)} rigs, {counted} counted: mean error "
-              f"{np.abs(np.expm1(misses)).mean():.3f}, median "
-              f"{np.median(np.abs(np.expm1(misses))):.3f}, scores {scores.std():.2f}")
+              f"{np.abs(np.expm1(errors)).mean():.3f}, median "
+              f"{np.median(np.abs(np.expm1(errors))):.3f}, scores {scores.std():.2f}")
         if counted == 1:
-            kept = np.quantile(scores, (np.arange(_SCORES) + 0.5) / _SCORES)
-    every = fit(rigs)
+            kept = np.quantile(scores, (np.arange(SETTINGS.scores) + 0.5) / SETTINGS.scores)
+    every = fit_mixed_model(rigs)
     return GammaModel(**{**every.__dict__, "scores": kept})
 
 
@@ -196,15 +236,18 @@ def main() -> int:
     checkpoint = load_members(options.weights)
     known = TrainingDomain(*(checkpoint.calibration[name]
                              for name in ("middle", "whiten", "reach")))
-    fold = fold_of(json.loads(options.families.read_text()))
+    fold = assign_folds(json.loads(options.families.read_text()))
     models = []
     for folder, title, center in zip((options.scans, options.one_view), ("around", "one side"),
                                      checkpoint.calibration["centers"].tolist()):
-        of = residuals(dict(enumerate(checkpoint.members)), read_scans(folder), fold, known)
-        models.append(model_of(rigs_of(of, center), title))
-        between, within = volume_errors(of)
-        print(f"center {center:+.3f}, here {center_of(of):+.3f}; log V's error between rigs "
-              f"{np.round(between, 5).tolist()}, standard deviation within {within:.3f}")
+        residuals = count_with_members(
+            dict(enumerate(checkpoint.members)), read_scans(folder), fold, known
+        )
+        models.append(fit_scored_model(group_by_rig(residuals, center), title))
+        between, within = fit_volume_errors(residuals)
+        print(f"center {center:+.3f}, here {median_log_error(residuals):+.3f}; log V's error "
+              f"between rigs {np.round(between, 5).tolist()}, standard deviation within "
+              f"{within:.3f}")
     PartModels(f"network {checkpoint.facts['version']}", *models,
                made="simulated rigs of training parts").write(options.out)
     return 0

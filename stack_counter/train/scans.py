@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings of training scenes through the whole reconstruction.
 
 What the network is fitted to and its errors are measured on, as at run time.
@@ -17,14 +18,14 @@ import numpy as np
 from tqdm import tqdm
 
 from stack_counter.sim import read_shard
-from stack_counter.train.data.fused import scan
+from stack_counter.train.data.fused import reconstruct_sample
 from stack_counter.train.data.heights import write_samples
 
 
-def _keep(job: tuple[Path, int, Path, bool]) -> None:
+def _reconstruct_shard(job: tuple[Path, int, Path, bool]) -> None:
     path, step, out, one_view = job
     scenes = [s for s in read_shard(path) if s.truth.count and s.index % step == 0]
-    scans = [done for scene in scenes if (done := scan(scene, one_view))]
+    scans = [done for scene in scenes if (done := reconstruct_sample(scene, one_view))]
     if scans:
         write_samples(out, [s.sample for s in scans], more=np.array(
             [(s.true_volume, s.volume, s.volume_std, s.found) for s in scans]))
@@ -48,7 +49,7 @@ def main() -> int:
                  for path in sorted(Path(folder).glob("shard_*.npz"))]
     jobs = [job for job in jobs if not job[2].exists()]
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        for _ in tqdm(pool.map(_keep, jobs), total=len(jobs), unit=" shards"):
+        for _ in tqdm(pool.map(_reconstruct_shard, jobs), total=len(jobs), unit=" shards"):
             pass
     return 0
 

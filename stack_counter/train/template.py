@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fits what `template.py` says of v from pieces on a table, on parts of the training families.
 
 python -m stack_counter.train.template --scans 600 --workers 2 --kept out/template.npz \
@@ -30,12 +31,27 @@ from stack_counter.parts.template_model import (
 )
 from stack_counter.sim import lay_out_pieces, make_shape, record
 
-_SEED = 77
-_VIEWS = (6, 18)
-_PIECES = (1, 10)
-_FOLDS = 6
-_PENALTIES = np.logspace(-1, 3, 9)
 
+@dataclass(frozen=True)
+class TemplateTrainingSettings:
+    """Which template scans are simulated, and how the regression is fitted; chosen.
+
+    Attributes:
+        seed: seed of the scans.
+        views: fewest and most views of a scan.
+        pieces: fewest and most pieces on the table.
+        folds: parts of the families that are left out in turn.
+        penalties: ridge penalties that are tried.
+    """
+
+    seed: int = 77
+    views: tuple[int, int] = (6, 18)
+    pieces: tuple[int, int] = (1, 10)
+    folds: int = 6
+    penalties: tuple[float, ...] = tuple(np.logspace(-1, 3, 9))
+
+
+SETTINGS = TemplateTrainingSettings()
 
 @dataclass(frozen=True)
 class Example:
@@ -48,12 +64,14 @@ class Example:
 
 def make_example(index: int) -> Example | None:
     """Scan `index`; None if it is refused."""
-    random = np.random.default_rng([_SEED, index])
+    random = np.random.default_rng([SETTINGS.seed, index])
     try:
         shape = make_shape(int(random.integers(2**31)))
-        pieces = int(random.integers(_PIECES[0], _PIECES[1] + 1))
-        count = int(random.integers(_VIEWS[0], _VIEWS[1] + 1))
-        views = record(lay_out_pieces(shape, pieces, _SEED, index), count, _SEED, color=False)
+        pieces = int(random.integers(SETTINGS.pieces[0], SETTINGS.pieces[1] + 1))
+        count = int(random.integers(SETTINGS.views[0], SETTINGS.views[1] + 1))
+        views = record(
+            lay_out_pieces(shape, pieces, SETTINGS.seed, index), count, SETTINGS.seed, color=False
+        )
         return Example(shape.family, shape.unit_volume,
                        scan_template(views, pieces, ReconstructorConfig()))
     except StackCounterError as error:
@@ -61,7 +79,7 @@ def make_example(index: int) -> Example | None:
         return None
 
 
-def fit(examples: list[Example], penalty: float) -> TemplateModel:
+def fit_template_model(examples: list[Example], penalty: float) -> TemplateModel:
     """Ridge regression; the constant is free. Its `std` is not set."""
     raw = np.array([e.template.features for e in examples])
     mean, scale = raw.mean(axis=0), raw.std(axis=0) + 1e-6
@@ -72,20 +90,22 @@ def fit(examples: list[Example], penalty: float) -> TemplateModel:
     return TemplateModel(mean, scale, weights, np.zeros(3))
 
 
-def errors(examples: list[Example], penalty: float) -> np.ndarray:
-    """(n,) log of said over true v, each by a fit without that family."""
+def measure_left_out_errors(examples: list[Example], penalty: float) -> np.ndarray:
+    """Returns the (n,) logs of fitted over true v, each by a fit without that family."""
     families = sorted({e.family for e in examples})
-    fold = {f: i % _FOLDS for i, f in enumerate(np.random.default_rng(1).permutation(families))}
+    fold = {
+        f: i % SETTINGS.folds for i, f in enumerate(np.random.default_rng(1).permutation(families))
+    }
     out = np.zeros(len(examples))
-    for k in range(_FOLDS):
-        model = fit([e for e in examples if fold[e.family] != k], penalty)
+    for k in range(SETTINGS.folds):
+        model = fit_template_model([e for e in examples if fold[e.family] != k], penalty)
         for i, e in enumerate(examples):
             if fold[e.family] == k:
                 out[i] = np.log(model.unit_volume(e.template)[0] / e.unit_volume)
     return out
 
 
-def spread_of(examples: list[Example], misses: np.ndarray) -> np.ndarray:
+def fit_relative_std(examples: list[Example], misses: np.ndarray) -> np.ndarray:
     """(3,) `TemplateModel.std` of most likelihood, for errors of families left out."""
     def loss(log_std: np.ndarray) -> float:
         std = np.array([relative_std(np.exp(log_std), len(e.template.carved),
@@ -110,12 +130,15 @@ def main() -> int:
             made = [e for e in tqdm(pool.map(make_example, range(options.scans)),
                                     total=options.scans, unit=" scans") if e is not None]
         options.kept.parent.mkdir(parents=True, exist_ok=True)
-        _keep(options.kept, made)
-    examples = _kept(options.kept)
-    penalty = min(_PENALTIES, key=lambda p: float(np.abs(errors(examples, p)).mean()))
-    misses = errors(examples, penalty)
-    model = fit(examples, penalty)
-    std = spread_of(examples, misses)
+        _write_examples(options.kept, made)
+    examples = _read_examples(options.kept)
+    penalty = min(
+        SETTINGS.penalties,
+        key=lambda p: float(np.abs(measure_left_out_errors(examples, p)).mean()),
+    )
+    misses = measure_left_out_errors(examples, penalty)
+    model = fit_template_model(examples, penalty)
+    std = fit_relative_std(examples, misses)
     options.out.write_text(json.dumps({
         "format": FORMAT, **{key: np.round(getattr(model, key), 5).tolist()
                              for key in ("mean", "scale", "weights")},
@@ -131,7 +154,7 @@ def main() -> int:
     return 0
 
 
-def _keep(path: Path, examples: list[Example]) -> None:
+def _write_examples(path: Path, examples: list[Example]) -> None:
     np.savez_compressed(
         path, family=[e.family for e in examples], v=[e.unit_volume for e in examples],
         pieces=[len(e.template.carved) for e in examples],
@@ -139,7 +162,7 @@ def _keep(path: Path, examples: list[Example]) -> None:
         features=[e.template.features for e in examples])
 
 
-def _kept(path: Path) -> list[Example]:
+def _read_examples(path: Path) -> list[Example]:
     with np.load(path, allow_pickle=False) as file:
         data = {name: file[name] for name in file.files}
     cuts = np.cumsum(data["pieces"])[:-1]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measures bias and errors of V on training scenes: how each scan differs from its true surface.
+r"""Measures bias and errors of V on training scenes: how each scan differs from its true surface.
 
-    python -m stack_counter.train.volume_model data/train-deep data/train-shallow --scenes 300 \\
+    python -m stack_counter.train.volume_model data/train-deep data/train-shallow --scenes 300 \
         --log volume.jsonl --out volume.json
 
 Every scene is recorded with noise, by an arc of views and by one camera above; every third with a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trains Psi, the wall-thickness network, on noisy views of simulated containers.
 
     python -m stack_counter.train.wall data/train-deep data/train-shallow --out wall.safetensors
@@ -12,6 +13,7 @@ import json
 import sys
 import zlib
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -30,15 +32,33 @@ from stack_counter.errors import ConfigError, ViewError
 from stack_counter.sim import Scene, read_shard, record
 from stack_counter.types import WallShape
 
-_VIEWS = 3  # of a scene
-_EPOCHS, _BATCH, _RATE = 14, 32, 2e-3
-_HELD = 5  # of so many scenes one is left out
-_OUTLINE_M = 0.0007  # standard deviation of a fitted outline's place and size
+
+@dataclass(frozen=True)
+class WallTrainingSettings:
+    """How Psi learns; chosen.
+
+    Attributes:
+        views: views of a scene.
+        epochs: passes over the crops.
+        batch: crops of a batch.
+        rate: highest learning rate.
+        held_out: one of so many scenes is left out.
+        outline_m: standard deviation of a fitted outline's place and size, metres.
+    """
+
+    views: int = 3
+    epochs: int = 14
+    batch: int = 32
+    rate: float = 2e-3
+    held_out: int = 5
+    outline_m: float = 0.0007
 
 
-def outer_form(scene: Scene, random: np.random.Generator, std: float = _OUTLINE_M
+SETTINGS = WallTrainingSettings()
+
+def noisy_outline(scene: Scene, random: np.random.Generator, std: float = SETTINGS.outline_m
                ) -> WallShape | None:
-    """The outer face of a scene's container as its rim shows it; None for bags and heaps."""
+    """Returns a container's outer face as its rim shows it; None for bags and heaps."""
     box = scene.container
     T, wall = box.T_world_container, box.wall_thickness_m
     x, y = T[:2, 3] + random.normal(0, std, 2)
@@ -50,14 +70,14 @@ def outer_form(scene: Scene, random: np.random.Generator, std: float = _OUTLINE_
     return None
 
 
-def crops_of(scene: Scene) -> list[np.ndarray]:
-    """Of a few noisy views."""
+def render_crops(scene: Scene) -> list[np.ndarray]:
+    """Renders the crops of a few noisy views."""
     random = np.random.default_rng([scene.seed, scene.index, 0x3A1])
-    form = outer_form(scene, random)
+    form = noisy_outline(scene, random)
     if form is None:
         return []
     out = []
-    for view in record(scene, _VIEWS, seed=1, color=False):
+    for view in record(scene, SETTINGS.views, seed=1, color=False):
         try:
             out.append(wall_crop(view, form, scene.container.rim_height_m, 0.0))
         except ViewError:
@@ -65,14 +85,14 @@ def crops_of(scene: Scene) -> list[np.ndarray]:
     return out
 
 
-def _keep(job: tuple[Path, int, Path]) -> None:
+def _cache_crops(job: tuple[Path, int, Path]) -> None:
     path, step, out = job
     crops, target, index = [], [], []
     for scene in read_shard(path):
         if scene.index % step:
             continue
-        form = outer_form(scene, np.random.default_rng(0), 0.0)
-        for crop in crops_of(scene):
+        form = noisy_outline(scene, np.random.default_rng(0), 0.0)
+        for crop in render_crops(scene):
             assert form is not None  # for the type checker: it has crops
             crops.append(crop.astype(np.float16))
             target.append(np.log(scene.container.wall_thickness_m / outer_width(form)))
@@ -95,7 +115,7 @@ def load_crops(texts: list[str], cache: Path, workers: int
     missing = [job for job in jobs if not job[2].exists()]
     if missing:
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            for _ in tqdm(pool.map(_keep, missing), total=len(missing), unit=" shards"):
+            for _ in tqdm(pool.map(_cache_crops, missing), total=len(missing), unit=" shards"):
                 pass
     parts = [np.load(out) for _, _, out in jobs if out.exists()]
     crops, target, scene = (np.concatenate([p[name] for p in parts])
@@ -103,15 +123,19 @@ def load_crops(texts: list[str], cache: Path, workers: int
     return crops, target.astype(np.float32), scene
 
 
-def train(crops: np.ndarray, target: np.ndarray, seed: int = 0, batch: int = _BATCH) -> WallNet:
+def train_wall_net(
+    crops: np.ndarray, target: np.ndarray, seed: int = 0, batch: int = SETTINGS.batch
+) -> WallNet:
     """One network, by the one-cycle rule; mirrored at random."""
     torch.manual_seed(seed)
     random, net = np.random.default_rng(seed), WallNet()
     steps = max(len(crops) // batch, 1)
-    optimizer = torch.optim.AdamW(net.parameters(), _RATE, weight_decay=0.02)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, _RATE, _EPOCHS * steps + 1)
+    optimizer = torch.optim.AdamW(net.parameters(), SETTINGS.rate, weight_decay=0.02)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimizer, SETTINGS.rate, SETTINGS.epochs * steps + 1
+    )
     net.train()
-    for _ in tqdm(range(_EPOCHS), unit=" epochs"):
+    for _ in tqdm(range(SETTINGS.epochs), unit=" epochs"):
         order = random.permutation(len(crops))[:steps * batch]
         for rows in order.reshape(steps, -1) if len(order) >= batch else order[None]:
             x = torch.from_numpy(crops[rows].astype(np.float32))
@@ -134,8 +158,8 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     crops, target, scene = load_crops(options.scenes, options.cache, options.workers)
-    held = scene % _HELD == 0
-    net = train(crops[~held], target[~held])
+    held = scene % SETTINGS.held_out == 0
+    net = train_wall_net(crops[~held], target[~held])
     with torch.inference_mode():
         guess = np.concatenate([net(x.float())[0].numpy()
                                 for x in torch.from_numpy(crops[held]).split(64)])

@@ -19,7 +19,7 @@ from stack_counter.container.wall_network import (
 from stack_counter.container.wall_shapes import RoundWall
 from stack_counter.errors import ViewError, WeightsError
 from stack_counter.sim import read_scenes, record
-from stack_counter.train.wall import outer_form, train
+from stack_counter.train.wall import noisy_outline, train_wall_net
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def seen():
     from stack_counter.eval.common.sets import find_set_folder
 
     scene = next(s for s in read_scenes(find_set_folder("unseen"), 5))
-    form = outer_form(scene, np.random.default_rng(0), 0.0)
+    form = noisy_outline(scene, np.random.default_rng(0), 0.0)
     return form, scene.container.rim_height_m, scene.container, record(scene, 3, color=False)
 
 
@@ -65,7 +65,7 @@ def test_it_learns_two_thicknesses_apart():
     columns = np.arange(side) / side
     for crop, t in zip(crops, target):
         crop[1] += columns < np.exp(t) * 4  # a rim as wide as four walls
-    net = train(crops.astype(np.float16), target, batch=8)
+    net = train_wall_net(crops.astype(np.float16), target, batch=8)
     with torch.inference_mode():
         guess = net(torch.from_numpy(crops[:8]))[0].numpy()
     assert guess[1::2].min() > guess[::2].max() + 0.5

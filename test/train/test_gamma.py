@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The training loop: learns, resumes where it was killed, leaves families out; calibration."""
 
 import json
@@ -13,7 +14,7 @@ from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.maps import make_maps
 from stack_counter.occupancy.network import GammaPrediction, NetworkEstimator
 from stack_counter.train import calibrate, gamma
-from stack_counter.train.data.fused import Scan
+from stack_counter.train.data.fused import FusedScan
 from stack_counter.train.data.heights import Sample, write_samples
 
 SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)
@@ -36,7 +37,7 @@ def sample(i, family="nut"):
 
 def data(count, family="nut"):
     samples = [sample(i, family) for i in range(count)]
-    return gamma.Data(samples, [i % 2 == 0 for i in range(count)], np.ones(count))
+    return gamma.TrainingData(samples, [i % 2 == 0 for i in range(count)], np.ones(count))
 
 
 def history(path):
@@ -56,14 +57,14 @@ def test_it_learns_and_keeps_its_best(tmp_path):
 
 def test_after_a_kill_it_goes_on_where_it_was(tmp_path, monkeypatch):
     config, path = gamma.TrainConfig(epochs=3, batch=8), tmp_path / "member_0.pt"
-    watch, calls = gamma.watch, []
+    watch, calls = gamma.measure_held_out, []
 
     def killed(*args):
         calls.append(1)
         if len(calls) == 2:
             raise KeyboardInterrupt
         return watch(*args)
-    monkeypatch.setattr(gamma, "watch", killed)
+    monkeypatch.setattr(gamma, "measure_held_out", killed)
     with pytest.raises(KeyboardInterrupt):
         gamma.train_member(GammaNet(SMALL), data(16), data(8), config, path)
     first = history(path)
@@ -72,7 +73,7 @@ def test_after_a_kill_it_goes_on_where_it_was(tmp_path, monkeypatch):
 
 
 def test_it_stops_when_nothing_improves(tmp_path, monkeypatch):
-    monkeypatch.setattr(gamma, "watch", lambda *_: {"score": 1.0, "mae": 1.0})
+    monkeypatch.setattr(gamma, "measure_held_out", lambda *_: {"score": 1.0, "mae": 1.0})
     config, path = gamma.TrainConfig(epochs=9, batch=8, patience=2), tmp_path / "member_0.pt"
     gamma.train_member(GammaNet(SMALL), data(8), data(8), config, path)
     assert len(history(path)) == 3
@@ -92,7 +93,7 @@ def test_a_folder_without_scenes_is_refused(tmp_path):
 def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monkeypatch):
     """Members guess the truth with a bias that depends on who guesses."""
     torch.manual_seed(0)
-    scans = [Scan(sample(i, family), 1e-3, 1.1e-3, 2e-5, True)
+    scans = [FusedScan(sample(i, family), 1e-3, 1.1e-3, 2e-5, True)
              for i in range(12) for family in ("nut", "tube")]
     fold = {"nut": 0, "tube": 1}
     seen = []
@@ -102,13 +103,13 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
         return GammaPrediction(0.0, 0.2, np.zeros(3))
     monkeypatch.setattr(calibrate, "predict_gamma", predict)
     nets = {0: GammaNet(SMALL), 1: GammaNet(SMALL)}
-    of = calibrate.residuals(nets, scans, fold, calibrate.known_from(scans))
+    of = calibrate.count_with_members(nets, scans, fold, calibrate.fit_training_domain(scans))
     assert len(of) == 24
     assert all(net is nets[fold[r.scan.sample.family]] for net, r in zip(seen, of))
     assert of[0].log_count == pytest.approx(np.log(of[0].scan.sample.gamma) - np.log(1.1))
     assert of[0].spread == pytest.approx(np.hypot(0.2, 2 / 110))
     unknown = calibrate.TrainingDomain(np.full(6, 99.0), np.eye(6), np.ones(1))
-    doubted = calibrate.residuals(nets, scans, fold, unknown)
+    doubted = calibrate.count_with_members(nets, scans, fold, unknown)
     assert all(a.spread > 9 * b.spread for a, b in zip(doubted, of))  # as the run time widens it
 
 

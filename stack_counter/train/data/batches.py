@@ -1,9 +1,11 @@
+# SPDX-License-Identifier: Apache-2.0
 """From samples to batches: families in folds, degraded maps, turned and mirrored tiles."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from itertools import islice
 
 import cv2
@@ -11,32 +13,46 @@ import numpy as np
 import torch
 
 from stack_counter.occupancy.maps import TILE, StackMaps, network_channels
-from stack_counter.train.data.degrade import degraded
+from stack_counter.train.data.degrade import degrade_like_fusion
 from stack_counter.train.data.heights import Sample
 
 FOLDS = 5
-_AHEAD = 6  # batches prepared while the network learns
-_EXACT = 0.5  # share of quarter turns, which leave the pixels as they are
-BLIND = 0.08  # share of tiles without walls and floor, as a single view gives them
+# Share of tiles without walls and floor, as a single view gives them.
+BLIND = 0.08
+
+@dataclass(frozen=True)
+class BatchSettings:
+    """How tiles are drawn; chosen.
+
+    Attributes:
+        prepared: batches that are prepared while the network learns.
+        exact_turns: share of tiles with quarter turns, which leave the pixels as they are.
+    """
+
+    prepared: int = 6
+    exact_turns: float = 0.5
 
 
-def group_of(family: str) -> str:
-    """Families made alike: a compound part's is how it was begun."""
+SETTINGS = BatchSettings()
+
+
+def family_group(family: str) -> str:
+    """Returns the group of a family: compound parts that begin alike are one group."""
     return family.split("_")[0]
 
 
-def fold_of(families: list[str]) -> dict[str, int]:
-    """Which fold each family is in: groups of families, never split, dealt at random."""
-    groups = sorted({group_of(family) for family in families})
+def assign_folds(families: list[str]) -> dict[str, int]:
+    """Assigns each family to a fold at random; groups of families are never split."""
+    groups = sorted({family_group(family) for family in families})
     dealt = np.random.default_rng(5).permutation(len(groups)) % FOLDS
     by_group = dict(zip(groups, dealt.tolist()))
-    return {family: by_group[group_of(family)] for family in families}
+    return {family: by_group[family_group(family)] for family in families}
 
 
-def tile_of(maps: StackMaps, random: np.random.Generator) -> StackMaps:
-    """A tile at a random place, turn and mirroring."""
+def draw_tile(maps: StackMaps, random: np.random.Generator) -> StackMaps:
+    """Draws a tile at a random place, turn and mirroring."""
     rows, cols = maps.valid.shape
-    exact = random.random() < _EXACT
+    exact = random.random() < SETTINGS.exact_turns
     angle = np.pi / 2 * random.integers(4) if exact else random.uniform(0, 2 * np.pi)
     c, s, mirror = np.cos(angle), np.sin(angle), random.choice([-1.0, 1.0])
     turn = np.array([[c, -s], [s, c]]) @ np.diag([mirror, 1.0])
@@ -55,8 +71,8 @@ def tile_of(maps: StackMaps, random: np.random.Generator) -> StackMaps:
     return StackMaps(top, height, inside, wall)
 
 
-def blinded(x: np.ndarray) -> np.ndarray:
-    """Channels as a single view without a known container gives them.
+def hide_container(x: np.ndarray) -> np.ndarray:
+    """Returns the channels that a single view without a known container gives.
 
     No wall and no floor, the height being that over the lowest part of the surface.
     """
@@ -67,25 +83,38 @@ def blinded(x: np.ndarray) -> np.ndarray:
     return np.stack([x[0], x[1], x[1], np.log1p(np.maximum(local, 0) * valid) / 2])
 
 
-def make_tile(of: Sample, as_is: bool, seed: tuple[int, ...], blind: float = BLIND) -> np.ndarray:
-    """(CHANNELS, TILE, TILE) float32 of a sample.
+def make_input(
+    sample: Sample, as_is: bool, seed: tuple[int, ...], blind: float = BLIND
+) -> np.ndarray:
+    """Makes the (CHANNELS, TILE, TILE) float32 input of a sample.
 
-    `as_is`: not degraded, e.g. truly fused; `blind`: how likely it is to be blinded.
+    Args:
+        sample: maps and truth.
+        as_is: the maps are not degraded, as they were truly fused.
+        seed: of the random draws.
+        blind: probability that wall and floor are hidden.
     """
     random = np.random.default_rng(seed)
-    tile = tile_of(of.maps if as_is else degraded(of, random), random)
+    tile = draw_tile(sample.maps if as_is else degrade_like_fusion(sample, random), random)
     x = network_channels(tile)
-    return blinded(x) if random.random() < blind else x
+    return hide_container(x) if random.random() < blind else x
 
 
-def targets(samples: list[Sample]) -> torch.Tensor:
-    """(n, 1 + FORM) float32: log gamma and form."""
-    return torch.tensor(np.array([[np.log(s.gamma), *s.form] for s in samples]), dtype=torch.float)
+def target_tensor(samples: list[Sample]) -> torch.Tensor:
+    """Returns (n, 1 + SHAPE_OUTPUTS) float32: log gamma and the logs of the shape."""
+    values = np.array([[np.log(s.gamma), *s.shape_logs] for s in samples])
+    return torch.tensor(values, dtype=torch.float)
 
 
-def batches(samples: list[Sample], as_is: list[bool], weights: np.ndarray, size: int, count: int,
-            seed: tuple[int, ...], blind: float = BLIND
-            ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+def draw_batches(
+    samples: list[Sample],
+    as_is: list[bool],
+    weights: np.ndarray,
+    size: int,
+    count: int,
+    seed: tuple[int, ...],
+    blind: float = BLIND,
+) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
     """`count` batches of (size, CHANNELS, TILE, TILE) and targets, drawn by weight.
 
     Prepared in a thread.
@@ -95,13 +124,13 @@ def batches(samples: list[Sample], as_is: list[bool], weights: np.ndarray, size:
 
     def make(number: int) -> tuple[torch.Tensor, torch.Tensor]:
         rows = chosen[number]
-        x = np.stack([make_tile(samples[i], as_is[i], (*seed, number, k), blind)
+        x = np.stack([make_input(samples[i], as_is[i], (*seed, number, k), blind)
                       for k, i in enumerate(rows)])
-        return torch.from_numpy(x), targets([samples[i] for i in rows])
+        return torch.from_numpy(x), target_tensor([samples[i] for i in rows])
 
     with ThreadPoolExecutor(1) as pool:
         numbers = iter(range(count))
-        waiting = [pool.submit(make, n) for n in islice(numbers, _AHEAD)]
+        waiting = [pool.submit(make, n) for n in islice(numbers, SETTINGS.prepared)]
         while waiting:
             ready = waiting.pop(0).result()
             waiting += [pool.submit(make, n) for n in islice(numbers, 1)]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What fusion adds to a surface that an arc of views sees: blur, noise and a floor out of place.
 
 The blur of the TSDF and of the depth's smoothing goes with the voxel, the noise with the camera.
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -18,18 +20,37 @@ from stack_counter.fusion.tsdf import voxel_size_for
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, surface_features
 from stack_counter.train.data.heights import Sample
 
-BLUR = (0.4, 0.65)  # standard deviation of fusion, voxels
-RESAMPLING = (0.2, 0.55)  # and of bringing the map to the network's pixels, pixels
-NOISE_M = (0.0001, 0.0004)  # standard deviation of the fused surface
-FLOOR_M = 0.0004  # standard deviation of the inner surface's level
+
+@dataclass(frozen=True)
+class DegradeSettings:
+    """What fusion does to an ideal surface; this module's command compares it with fused maps.
+
+    Attributes:
+        blur_voxels: bounds of the standard deviation of fusion's blur, voxels.
+        resampling_px: bounds of that of bringing the map to the network's pixels, pixels.
+        noise_m: bounds of the standard deviation of the fused surface, metres.
+        floor_m: standard deviation of the inner surface's level, metres.
+    """
+
+    blur_voxels: tuple[float, float] = (0.4, 0.65)
+    resampling_px: tuple[float, float] = (0.2, 0.55)
+    noise_m: tuple[float, float] = (0.0001, 0.0004)
+    floor_m: float = 0.0004
 
 
-def degraded(of: Sample, random: np.random.Generator) -> StackMaps:
-    """The sample's maps as a fused scan might show them."""
-    maps, length = of.maps, of.length_m
+SETTINGS = DegradeSettings()
+
+
+def degrade_like_fusion(sample: Sample, random: np.random.Generator) -> StackMaps:
+    """Degrades the sample's maps to what a fused scan might show."""
+    maps, length = sample.maps, sample.length_m
     pixel = length / PIXELS_PER_LENGTH
-    sigma = float(np.hypot(random.uniform(*BLUR) * voxel_size_for(of.length_m**3) / pixel,
-                           random.uniform(*RESAMPLING)))
+    sigma = float(
+        np.hypot(
+            random.uniform(*SETTINGS.blur_voxels) * voxel_size_for(sample.length_m**3) / pixel,
+            random.uniform(*SETTINGS.resampling_px),
+        )
+    )
     inner = maps.top - maps.height
     weight = cv2.GaussianBlur(maps.valid.astype(np.float32), (0, 0), sigma,
                               borderType=cv2.BORDER_CONSTANT)
@@ -37,8 +58,8 @@ def degraded(of: Sample, random: np.random.Generator) -> StackMaps:
     top = top / np.maximum(weight, 1e-3)
     noise = cv2.GaussianBlur(random.standard_normal(top.shape).astype(np.float32), (0, 0),
                              max(sigma, 0.5))
-    top += random.uniform(*NOISE_M) / length * noise / max(float(noise.std()), 1e-6)
-    inner = inner + random.normal(0, FLOOR_M) / length
+    top += random.uniform(*SETTINGS.noise_m) / length * noise / max(float(noise.std()), 1e-6)
+    inner = inner + random.normal(0, SETTINGS.floor_m) / length
     height = np.where(maps.valid, np.maximum(top - inner, 0), 0).astype(np.float32)
     return StackMaps(np.where(maps.valid, top, 0).astype(np.float32), height, maps.valid,
                      maps.wall)
@@ -60,7 +81,7 @@ def main() -> int:
         if scan.found and scan.sample.name in by_name:
             twin = by_name[scan.sample.name]
             rows.append(np.stack([surface_features(m) for m in (
-                scan.sample.maps, degraded(twin, random), twin.maps)]))
+                scan.sample.maps, degrade_like_fusion(twin, random), twin.maps)]))
             lengths.append(twin.length_m)
     ratio = np.exp(np.array(rows)[:, :1] - np.array(rows)[:, 1:])  # (n, degraded | cast, 6)
     small = np.array(lengths) < np.median(lengths)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Height maps of simulated scenes as the network's maps: cast, seen by an arc of views, kept.
 
 Rays straight down give the ideal surface. What no view of a typical arc can see is then hidden and
@@ -20,28 +21,50 @@ from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, make_maps
 from stack_counter.reconstruction.integral import fill_unknown_cells
 from stack_counter.sim import Scene, ideal_surface, read_shard
 
-_STEPS = 500  # of a height in l, as kept
-_VIEWS, _TILTS = 12, (12, 28, 42)  # of the arc, degrees from the vertical
-_TILT_SPREAD = 7.0  # degrees: of the arc, and of perspective across the stack
-_OUTSIDE = 6  # pixels around the opening in which the rim hides what lies below it
+
+@dataclass(frozen=True)
+class HeightSettings:
+    """How ideal surfaces are seen and stored; chosen.
+
+    Attributes:
+        steps: steps of a part length in which heights are stored.
+        views: views of the arc.
+        tilts_deg: tilts of the views from the vertical, degrees.
+        tilt_spread_deg: spread of the tilts by the arc and by perspective across the stack,
+            degrees.
+        outside_px: pixels around the opening in which the rim hides what lies below it.
+    """
+
+    steps: int = 500
+    views: int = 12
+    tilts_deg: tuple[float, ...] = (12, 28, 42)
+    tilt_spread_deg: float = 7.0
+    outside_px: int = 6
+
+
+SETTINGS = HeightSettings()
 _CACHE = "heights 3"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sample:
     """One scene's maps and truth.
 
     Attributes:
-        maps: of the surface that an arc of views sees.
+        maps: maps of the surface that an arc of views sees.
         gamma: true occupancy ratio.
-        form: (3,) log of part size / l, of convexity, and of surface / l2.
-        length_m: l, metres.
-        name: `seed:index` of the scene; family, kind of container, part count and fill as there.
+        form: (3,) logs of the part size, the convexity and the surface, in part lengths.
+        length_m: part length, metres.
+        name: `seed:index` of the scene.
+        family: family of the part.
+        kind: kind of the container.
+        count: number of parts.
+        fill: share of the container's depth that is filled.
     """
 
     maps: StackMaps
     gamma: float
-    form: np.ndarray
+    shape_logs: np.ndarray
     length_m: float
     name: str
     family: str
@@ -50,89 +73,105 @@ class Sample:
     fill: float
 
 
-def seen_by_arc(top: np.ndarray, valid: np.ndarray, rim: float, random: np.random.Generator
-                ) -> np.ndarray:
-    """(rows, cols) bool: cells that some view of an arc sees; heights and `rim` in l."""
-    around = np.pad(np.where(valid, top, rim), _OUTSIDE, constant_values=rim)
+def find_cells_seen_by_arc(
+    top: np.ndarray, valid: np.ndarray, rim: float, random: np.random.Generator
+) -> np.ndarray:
+    """Finds the cells that some view of an arc sees: (rows, cols) bool.
+
+    Heights and `rim` are in part lengths.
+    """
+    around = np.pad(np.where(valid, top, rim), SETTINGS.outside_px, constant_values=rim)
     drop = float(around.max() - around.min())
     turn = random.uniform(0, 2 * np.pi)
     seen = np.zeros(top.shape, bool)
-    for i in range(_VIEWS):
-        tilt = np.deg2rad(_TILTS[i % 3] + random.uniform(-_TILT_SPREAD, _TILT_SPREAD))
-        angle = turn + 2 * np.pi * i / _VIEWS
-        rise = 1 / np.tan(max(tilt, 0.02)) / PIXELS_PER_LENGTH  # of the ray, l a pixel
+    for i in range(SETTINGS.views):
+        spread = random.uniform(-SETTINGS.tilt_spread_deg, SETTINGS.tilt_spread_deg)
+        tilt = np.deg2rad(SETTINGS.tilts_deg[i % 3] + spread)
+        angle = turn + 2 * np.pi * i / SETTINGS.views
+        rise = (
+            1 / np.tan(max(tilt, 0.02)) / PIXELS_PER_LENGTH
+        )  # of the ray: part lengths for each pixel
         blocked = np.zeros(top.shape, bool)
         for step in range(1, min(int(drop / rise) + 1, 4 * PIXELS_PER_LENGTH)):
             dy, dx = (int(round(step * f)) for f in (np.sin(angle), np.cos(angle)))
-            blocked |= _shifted(around, dy, dx, top.shape) > top + step * rise + 0.01
+            blocked |= _shift_map(around, dy, dx, top.shape) > top + step * rise + 0.01
         seen |= ~blocked
     return seen & valid
 
 
-def _shifted(around: np.ndarray, dy: int, dx: int, shape: tuple[int, ...]) -> np.ndarray:
-    rows = np.clip(np.arange(shape[0]) + dy + _OUTSIDE, 0, around.shape[0] - 1)
-    cols = np.clip(np.arange(shape[1]) + dx + _OUTSIDE, 0, around.shape[1] - 1)
+def _shift_map(around: np.ndarray, dy: int, dx: int, shape: tuple[int, ...]) -> np.ndarray:
+    rows = np.clip(np.arange(shape[0]) + dy + SETTINGS.outside_px, 0, around.shape[0] - 1)
+    cols = np.clip(np.arange(shape[1]) + dx + SETTINGS.outside_px, 0, around.shape[1] - 1)
     return around[rows[:, None], cols[None]]
 
 
-def sample(scene: Scene) -> Sample:
-    """A scene as an arc of views sees it."""
+def make_sample(scene: Scene) -> Sample:
+    """Makes a sample of a scene as an arc of views sees it."""
     surface = ideal_surface(scene)
     top, valid = surface.top, surface.valid
     length = scene.truth.unit_volume ** (1 / 3)
     random = np.random.default_rng([scene.seed, scene.index, 0x5EE])
-    seen = seen_by_arc(top, valid, scene.container.rim_height_m / length, random)
+    seen = find_cells_seen_by_arc(top, valid, scene.container.rim_height_m / length, random)
     if seen.any():
         top = fill_unknown_cells(np.where(seen, top, np.nan), seen)
         top = np.where(valid, top, 0).astype(np.float32)
     maps = make_maps(top, surface.inner, valid, walled=scene.container.kind != "none")
-    return Sample(maps, scene.truth.gamma, form_of(scene), length, f"{scene.seed}:{scene.index}",
-                  scene.shape.family, scene.container.kind, scene.truth.count, scene.truth.fill)
+    return Sample(
+        maps,
+        scene.truth.gamma,
+        shape_logs(scene),
+        length,
+        f"{scene.seed}:{scene.index}",
+        scene.shape.family,
+        scene.container.kind,
+        scene.truth.count,
+        scene.truth.fill,
+    )
 
 
-def form_of(scene: Scene) -> np.ndarray:
-    """(3,) logs of part size, convexity and surface, lengths in l."""
+def shape_logs(scene: Scene) -> np.ndarray:
+    """Returns the (3,) logs of part size, convexity and surface, in part lengths."""
     shape, length = scene.shape, scene.truth.unit_volume ** (1 / 3)
     return np.log([shape.part_size / length, shape.convexity,
                    float(shape.mesh.area) / length**2]).astype(np.float32)
 
 
 def load_samples(folders: list[Path], cache: Path, workers: int) -> list[Sample]:
-    """All scenes with parts in them; a shard is cast once and kept below `cache`."""
+    """Loads all scenes with parts in them; each shard is cast once and kept below `cache`."""
     paths = [path for folder in folders for path in sorted(folder.glob("shard_*.npz"))]
-    jobs = [(path, cache / f"{path.parent.name}_{path.stem}_{_digest(path)}.npz")
+    jobs = [(path, cache / f"{path.parent.name}_{path.stem}_{_content_key(path)}.npz")
             for path in paths]
     cache.mkdir(parents=True, exist_ok=True)
     missing = [job for job in jobs if not job[1].exists()]
     if not missing:
-        return [sample for _, kept in jobs for sample in read_samples(kept)]
+        return [make_sample for _, kept in jobs for make_sample in read_samples(kept)]
     # Spawned: a forked process would inherit the threads of whatever was loaded before.
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        for _ in tqdm(pool.map(_keep, missing), total=len(missing), unit=" shards",
+        for _ in tqdm(pool.map(_cache_shard, missing), total=len(missing), unit=" shards",
                       desc="height maps"):
             pass
-    return [sample for _, kept in jobs for sample in read_samples(kept)]
+    return [make_sample for _, kept in jobs for make_sample in read_samples(kept)]
 
 
-def _digest(path: Path) -> str:
+def _content_key(path: Path) -> str:
     return f"{zlib.crc32(path.read_bytes() + _CACHE.encode()):08x}"
 
 
-def _keep(job: tuple[Path, Path]) -> None:
+def _cache_shard(job: tuple[Path, Path]) -> None:
     path, out = job
-    samples = [sample(scene) for scene in read_shard(path) if scene.truth.count]
+    samples = [make_sample(scene) for scene in read_shard(path) if scene.truth.count]
     write_samples(out, samples)
 
 
 def write_samples(out: Path, samples: list[Sample], **more: np.ndarray) -> None:
     """Writes samples as `read_samples` reads them, beside arrays of the caller's, all or none."""
-    def coded(heights: np.ndarray) -> np.ndarray:
-        return np.round(np.clip(heights, -65, 65) * _STEPS).astype(np.int16)
+    def encode_heights(heights: np.ndarray) -> np.ndarray:
+        return np.round(np.clip(heights, -65, 65) * SETTINGS.steps).astype(np.int16)
 
     arrays = {f"{i}_{name}": value for i, s in enumerate(samples) for name, value in (
-        ("top", coded(s.maps.top)), ("height", coded(s.maps.height)),
+        ("top", encode_heights(s.maps.top)), ("height", encode_heights(s.maps.height)),
         ("valid", np.packbits(s.maps.valid)))}
-    facts = np.array([(s.gamma, *s.form, s.length_m, s.count, s.fill, s.kind != "none")
+    facts = np.array([(s.gamma, *s.shape_logs, s.length_m, s.count, s.fill, s.kind != "none")
                       for s in samples], np.float64)
     half = out.with_suffix(".part")
     with open(half, "wb") as file:
@@ -142,12 +181,12 @@ def write_samples(out: Path, samples: list[Sample], **more: np.ndarray) -> None:
 
 
 def read_samples(path: Path) -> list[Sample]:
-    """The samples of one file."""
+    """Reads the samples of one file."""
     samples = []
     with np.load(path, allow_pickle=False) as file:
         facts, names, families, kinds = (file[n] for n in ("facts", "names", "families", "kinds"))
         for i, (gamma, *form, length, count, fill, walled) in enumerate(facts):
-            top, height = (file[f"{i}_{n}"].astype(np.float32) / _STEPS
+            top, height = (file[f"{i}_{n}"].astype(np.float32) / SETTINGS.steps
                            for n in ("top", "height"))
             valid = np.unpackbits(file[f"{i}_valid"], count=top.size).reshape(top.shape) > 0
             maps = make_maps(top, top - height, valid, bool(walled))

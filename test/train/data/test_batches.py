@@ -1,11 +1,19 @@
+# SPDX-License-Identifier: Apache-2.0
 """Folds of families, degraded maps and turned tiles."""
 
 import numpy as np
 import pytest
 
 from stack_counter.occupancy.maps import TILE, make_maps, network_channels
-from stack_counter.train.data.batches import FOLDS, batches, blinded, fold_of, group_of, tile_of
-from stack_counter.train.data.degrade import degraded
+from stack_counter.train.data.batches import (
+    FOLDS,
+    assign_folds,
+    draw_batches,
+    draw_tile,
+    family_group,
+    hide_container,
+)
+from stack_counter.train.data.degrade import degrade_like_fusion
 from stack_counter.train.data.heights import Sample, read_samples, write_samples
 
 
@@ -19,18 +27,18 @@ def sample(rows=60, cols=90, gamma=0.5, family="nut", walled=True):
 
 def test_no_group_of_families_is_split_and_all_folds_are_used():
     families = [f"{begin}_{end}" for begin in "abcdefghijkl" for end in ("x", "y")]
-    folds = fold_of(families)
+    folds = assign_folds(families)
     assert set(folds.values()) == set(range(FOLDS))
     for family in families:
-        assert folds[family] == folds[f"{group_of(family)}_x"]
-    assert folds == fold_of(families[::-1])
+        assert folds[family] == folds[f"{family_group(family)}_x"]
+    assert folds == assign_folds(families[::-1])
 
 
 @pytest.mark.parametrize("rows, cols", [(30, 40), (112, 112), (300, 90)])
 def test_a_tile_keeps_the_heights_it_shows(rows, cols):
     of = sample(rows, cols).maps
     for seed in range(6):
-        tile = tile_of(of, np.random.default_rng(seed))
+        tile = draw_tile(of, np.random.default_rng(seed))
         assert tile.top.shape == (TILE, TILE)
         assert tile.valid.sum() > 0.5 * min(rows, 100) * min(cols, 100)
         assert 2.4 < tile.top[tile.valid].min() and tile.top.max() < 3.6
@@ -40,7 +48,7 @@ def test_a_tile_keeps_the_heights_it_shows(rows, cols):
 
 def test_degradation_smooths_and_keeps_the_mean():
     of = sample()
-    out = degraded(of, np.random.default_rng(0))
+    out = degrade_like_fusion(of, np.random.default_rng(0))
     assert out.height.mean() == pytest.approx(of.maps.height.mean(), abs=0.1)
     bend = [np.abs(np.diff(m.top, 2)).mean() for m in (of.maps, out)]
     assert bend[1] != bend[0] and np.array_equal(out.valid, of.maps.valid)
@@ -50,7 +58,7 @@ def test_degradation_smooths_and_keeps_the_mean():
 def test_a_blinded_tile_shows_neither_wall_nor_floor():
     of = sample().maps
     deep = make_maps(of.top + 5, of.top - of.height, of.valid, True)
-    x, y = blinded(network_channels(of)), blinded(network_channels(deep))
+    x, y = hide_container(network_channels(of)), hide_container(network_channels(deep))
     np.testing.assert_allclose(x, y, atol=1e-5)
     assert (x[2] == x[1]).all()
 
@@ -59,7 +67,7 @@ def test_batches_depend_on_the_seed_alone():
     samples = [sample(gamma=g) for g in (0.3, 0.6)]
     weights = np.array([1.0, 3.0])
     one, two, other = ([(x.numpy(), y.numpy()) for x, y in
-                        batches(samples, [False, True], weights, 4, 3, seed)]
+                        draw_batches(samples, [False, True], weights, 4, 3, seed)]
                        for seed in ((0, 1), (0, 1), (0, 2)))
     assert len(one) == 3 and one[0][0].shape == (4, 4, TILE, TILE)
     np.testing.assert_array_equal(one[2][0], two[2][0])
