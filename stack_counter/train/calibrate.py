@@ -137,7 +137,7 @@ def main() -> int:
                         help="scans of one view each, for stacks that are seen from one side")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--encoder-weights", type=Path, metavar="DIR", help="of DINOv2")
-    parser.add_argument("--version", default="1", help="said in every message")
+    parser.add_argument("--version", default="1", help="version that every count names")
     options = parser.parse_args()
     paths = sorted(options.run.glob("member_*.pt"))
     if not paths:

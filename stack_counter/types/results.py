@@ -99,7 +99,7 @@ class StackCount:
         gamma, gamma_std: occupancy ratio and its standard deviation.
         unit_volume: volume of one part, m3.
         volume: what gamma was multiplied with.
-        estimator: who said gamma.
+        estimator: name of the estimator of gamma.
         gamma_shares: how much it and what is known of the part weighed; see `OccupancyEstimate`.
         counted_scans: that gamma rests on.
         status: `ok`, or `degraded` where one of the reasons degrades.
