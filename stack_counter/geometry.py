@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -201,20 +200,6 @@ def nearest_point_to_rays(origins: np.ndarray, directions: np.ndarray) -> np.nda
     if np.linalg.cond(normal) > SETTINGS.ray_condition:
         raise ScanError("the views look along one direction; expected views from several sides")
     return np.linalg.solve(normal, np.sum([a @ o for a, o in zip(across, origins)], axis=0))
-
-
-class PoseChange(NamedTuple):
-    """Difference of two poses: distance in metres, angle in radians."""
-
-    distance: float
-    angle: float
-
-
-def pose_change(T_a: np.ndarray, T_b: np.ndarray) -> PoseChange:
-    """The distance and the angle between two poses, (4, 4) each."""
-    cosine = (np.trace(T_a[:3, :3].T @ T_b[:3, :3]) - 1) / 2
-    return PoseChange(distance=float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3])),
-                      angle=float(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def interpolate_pose(T_a: np.ndarray, T_b: np.ndarray, share: float) -> np.ndarray:

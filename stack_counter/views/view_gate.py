@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import ViewError
-from stack_counter.geometry import pose_change
 from stack_counter.types import View
 
 
@@ -30,6 +30,20 @@ class ViewGateSettings:
 
 
 SETTINGS = ViewGateSettings()
+
+
+class PoseChange(NamedTuple):
+    """Difference of two poses: distance in metres, angle in radians."""
+
+    distance: float
+    angle: float
+
+
+def pose_change(T_a: np.ndarray, T_b: np.ndarray) -> PoseChange:
+    """The distance and the angle between two poses, (4, 4) each."""
+    cosine = (np.trace(T_a[:3, :3].T @ T_b[:3, :3]) - 1) / 2
+    return PoseChange(distance=float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3])),
+                      angle=float(np.arccos(np.clip(cosine, -1, 1))))
 
 
 class ViewGate:
