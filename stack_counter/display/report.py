@@ -75,7 +75,7 @@ def as_text(count: StackCount, true_count: int | None) -> str:
     lines += [
         f"V          {volume.stack_volume * 1e6:.1f} cm3 +- {volume.stack_volume_std * 1e6:.1f}",
         f"gamma      {count.gamma:.3f} +- {count.gamma_std:.3f}, said by {count.estimator}"
-        + _gamma_shares_text(count),
+        + _gamma_weights_text(count),
         f"v          {count.unit_volume * 1e6:.4f} cm3",
         f"container  {_container_text(volume.container)}",
         f"views      {volume.views.used} used of {volume.views.received}"
@@ -92,7 +92,7 @@ def reason_lines(reasons: Sequence[Reason]) -> list[str]:
     return [f"  {reason}: {reason.sentence}" for reason in reasons]
 
 
-def _gamma_shares_text(count: StackCount) -> str:
+def _gamma_weights_text(count: StackCount) -> str:
     """Returns how much each source of gamma weighs; empty for one source alone."""
     if len(count.gamma_shares) < 2:
         return ""

@@ -56,7 +56,7 @@ class CameraTopics:
         """Topics that nobody publishes yet, as far as the readers themselves know."""
         return [s.topic_name for s in self._inputs if not s.get_publisher_count()]
 
-    def status_lines(self) -> list[tuple[bytes, str]]:
+    def silence_warnings(self) -> list[tuple[bytes, str]]:
         """Names cameras and TF that are silent."""
         lines = [(WARN, f"no image on {topic} for {rate.silent_s:.0f} s")
                  for topic, rate in self._rates.items() if rate.silent_s > _SILENT_AFTER_S]

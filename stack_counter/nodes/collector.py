@@ -183,7 +183,7 @@ class Collector(ManagedNode[CollectorConfig]):
 
     def status_lines(self) -> list[tuple[bytes, str]]:
         """Names silent cameras and TF, and views and scans that wait."""
-        lines = self._topics.status_lines() if self._session.accepting_images else []
+        lines = self._topics.silence_warnings() if self._session.accepting_images else []
         return lines + [(WARN, line) for line in self._session.problems()]
 
     def status_values(self) -> Mapping[str, object]:

@@ -59,7 +59,7 @@ class CountAction:
         """Whether a count is running."""
         return self._job is not None
 
-    def confidence_of(self, scan_id: str) -> float:
+    def requested_confidence(self, scan_id: str) -> float:
         """Returns the confidence that a scan's interval needs: its job's, else the setting."""
         job = self._job
         requested = job.request.confidence if job and job.scan_id in ("", scan_id) else 0.0

@@ -114,7 +114,7 @@ class CounterNode(ManagedNode[CounterConfig]):
             # Read the catalogue again: it may have changed since the last count.
             known_part = resolve_part(part, unit_volume, self._config.part_catalogue)
             result = count_stack(from_stack_volume(message), known_part, self._estimator,
-                                 self._action.confidence_of(message.scan_id))
+                                 self._action.requested_confidence(message.scan_id))
         except StackCounterError as error:
             return failed_count(str(error), message)
         return to_stack_count(result, message)

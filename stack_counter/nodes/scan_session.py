@@ -155,7 +155,7 @@ class ScanSession(ABC):
         """
         if not self.accepting_images:
             raise ScanError("no scan is open; expected start_scan first")
-        events = self._add_views(self._source.flush()) + self.close_waiting(expired_only=False)
+        events = self._add_and_send(self._source.flush()) + self.close_waiting(expired_only=False)
         if self.scan is None:
             raise ScanError("no image has come since the start; expected a cycle")
         return events + self.end_on_request(self.scan)
@@ -165,7 +165,7 @@ class ScanSession(ABC):
         if not self.accepting_images:
             return []
         before = self._source.tally
-        events = self._add_views(self._source.poll())
+        events = self._add_and_send(self._source.poll())
         return [*events, ViewsDecided()] if self._source.tally != before else events
 
     def on_timer(self, message_since_tick: bool) -> list[ScanEvent]:
@@ -254,7 +254,8 @@ class ScanSession(ABC):
 
     # --- details ------------------------------------------------------------------------------
 
-    def _add_views(self, views: Sequence[tuple[str, View]]) -> list[ScanEvent]:
+    def _add_and_send(self, views: Sequence[tuple[str, View]]) -> list[ScanEvent]:
+        """Takes views into their scans and sends what is due."""
         events = [event for camera, view in views for event in self.add_view(camera, view)]
         return events + self.send_due()
 

@@ -169,7 +169,7 @@ def surface_features(maps: StackMaps) -> np.ndarray:
     return np.log(np.array(values, float) + 1e-3)
 
 
-def key_view_maps(volume: StackVolume, unit_volume: float) -> StackMaps:
+def stack_maps_of_key_view(volume: StackVolume, unit_volume: float) -> StackMaps:
     """Makes maps of the key view alone: heights along its axis, without floor and walls.
 
     Args:

@@ -21,11 +21,11 @@ from stack_counter.occupancy.estimator import OccupancyEstimator
 from stack_counter.occupancy.gamma_net import GammaNet
 from stack_counter.occupancy.maps import (
     StackMaps,
-    key_view_maps,
     network_channels,
     picture_maps,
     split_into_tiles,
     stack_maps,
+    stack_maps_of_key_view,
 )
 from stack_counter.occupancy.training_domain import TrainingDomain, assess_doubt
 from stack_counter.types import OccupancyEstimate, Reason, StackVolume
@@ -180,7 +180,7 @@ class NetworkEstimator(OccupancyEstimator):
         if volume.top is not None:
             return stack_maps(volume, unit_volume)
         if view is not None and view.depth is not None:
-            return key_view_maps(volume, unit_volume)
+            return stack_maps_of_key_view(volume, unit_volume)
         if view is not None and view.color is not None and self._monocular is not None:
             return picture_maps(view, self._monocular.estimate_nearness(view.color))
         return None

@@ -113,7 +113,7 @@ def calibrate(part: Part, volume: StackVolume, count: int, estimator: OccupancyE
     scan = _counted_scan(part, volume, count, tuned_estimator(estimator, part), bag)
     if not force:
         _check_new(scan, part.counted, volume)
-    return Calibration(scan, without_it, _estimate_drift(part, volume, scan))
+    return Calibration(scan, without_it, _drift_z_score(part, volume, scan))
 
 
 def history_at_volume(old: Part | None, unit_volume: float, force: bool
@@ -186,7 +186,7 @@ def _check_new(scan: CountedScan, history: Sequence[CountedScan], volume: StackV
                         "that other rig")
 
 
-def _estimate_drift(part: Part, volume: StackVolume, scan: CountedScan) -> float:
+def _drift_z_score(part: Part, volume: StackVolume, scan: CountedScan) -> float:
     """Standard deviations by which a scan disagrees with those before; 0 without any."""
     history = scans_of_same_rig(part.counted, volume)
     if not history:

@@ -107,7 +107,7 @@ def median_log_error(residuals: list[Residual]) -> float:
     )
 
 
-def conformal_scores(residuals: list[Residual]) -> np.ndarray:
+def scores_where_found(residuals: list[Residual]) -> np.ndarray:
     """Returns the (n,) sorted errors after the median's correction, where the container was found.
 
     They are in the standard deviations that were predicted for them.
@@ -152,8 +152,8 @@ def main() -> int:
         count_with_members(members, group, fold, known) for group in (scans, single)
     )
     tensors = {
-        "scores": conformal_scores(from_arc),
-        "scores_one_side": conformal_scores(from_one_view),
+        "scores": scores_where_found(from_arc),
+        "scores_one_side": scores_where_found(from_one_view),
         "centers": np.array([median_log_error(from_arc), median_log_error(from_one_view)]),
         **asdict(known),
     }

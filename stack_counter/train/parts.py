@@ -132,16 +132,17 @@ class MixedModel(torch.nn.Module):
         self.coefficients = torch.nn.Parameter(torch.zeros(2, FEATURES, dtype=torch.double))
         self.shared, self.noise = square(2 * _SHARED, 0.15), square(2, 0.08)
 
-    def loss(self, x: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
+    def negative_log_likelihood(self, features: torch.Tensor, values: torch.Tensor
+                                ) -> torch.Tensor:
         """Computes the negative log likelihood of the (2 n,) values of a rig.
 
-        `x`: (n, FEATURES) features of its scans.
+        `features`: (n, FEATURES), of its scans.
         """
-        both = torch.kron(torch.eye(2, dtype=torch.double), x[:, :_SHARED].contiguous())
+        both = torch.kron(torch.eye(2, dtype=torch.double), features[:, :_SHARED].contiguous())
         shared, noise = (a.tril() @ a.tril().T for a in (self.shared, self.noise))
-        covariance = both @ shared @ both.T + torch.kron(noise, torch.eye(len(x)).double())
+        covariance = both @ shared @ both.T + torch.kron(noise, torch.eye(len(features)).double())
         covariance = covariance + 1e-8 * torch.eye(len(covariance)).double()
-        mean = (x @ self.coefficients.T).T.reshape(-1)
+        mean = (features @ self.coefficients.T).T.reshape(-1)
         return -torch.distributions.MultivariateNormal(mean, covariance).log_prob(values)
 
 
@@ -164,7 +165,7 @@ def fit_mixed_model(rigs: Rigs) -> GammaModel:
 
     def closure() -> torch.Tensor:
         steps.zero_grad()
-        loss = torch.stack([net.loss(x, values) for x, values in data]).mean()
+        loss = torch.stack([net.negative_log_likelihood(x, values) for x, values in data]).mean()
         loss.backward()
         return loss
 

@@ -129,7 +129,7 @@ class ViewAssembler:
             self._waiting.append(WaitingImage(stamp, frame, decoding.color_to_array(message),
                                           time.monotonic()))
         except ViewError as error:
-            self._skip(error)
+            self._count_skipped(error)
 
     def _check_order(self, stamp: int, frame: str) -> None:
         self._frame = self._frame or frame
@@ -151,7 +151,8 @@ class ViewAssembler:
     def _restart_clock(self, stamp: int) -> None:
         """Skips the images that wait: their clock was set back, their partners will not come."""
         for _ in self._waiting:
-            self._skip(ViewError("time_jumped", f"the clock went back from {self._newest} ns"))
+            self._count_skipped(ViewError(
+                "time_jumped", f"the clock went back from {self._newest} ns"))
         self._waiting.clear()
         for stream in (self._depths, self._labels):
             stream.restart(stamp)
@@ -221,7 +222,7 @@ class ViewAssembler:
                 views.append(self._make_view(head))
                 self._accepted += 1
             except ViewError as error:
-                self._skip(error)
+                self._count_skipped(error)
             self._waiting.popleft()
             self._calibrations.note_decided(head.stamp_ns)
             self._depths.forget_before(head.stamp_ns)
@@ -282,7 +283,8 @@ class ViewAssembler:
             self._config.world_frame, self._source_frame(head), head.stamp_ns
         )
 
-    def _skip(self, error: ViewError) -> None:
+    def _count_skipped(self, error: ViewError) -> None:
+        """Counts a skipped image under its reason, and logs the first of its kind."""
         self._skipped[error.reason] += 1
         self._log_first(error)
 

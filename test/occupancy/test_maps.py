@@ -11,11 +11,11 @@ from stack_counter.occupancy.maps import (
     CHANNELS,
     PIXELS_PER_LENGTH,
     TILE,
-    key_view_maps,
     make_maps,
     network_channels,
     split_into_tiles,
     stack_maps,
+    stack_maps_of_key_view,
     surface_features,
 )
 from stack_counter.types import (
@@ -89,7 +89,8 @@ def test_a_key_view_alone_gives_the_surface_along_its_axis():
     depth[20:40, 30:50] = 0.45
     labels = np.full((60, 80), PARTS, np.uint8)
     view = KeyView(0, k, geometry.pose(np.eye(3), np.zeros(3)), 4800, labels, depth)
-    maps = key_view_maps(stack_volume_of_heights(None, kind="hull", key_view=view), 0.025**3)
+    volume = stack_volume_of_heights(None, kind="hull", key_view=view)
+    maps = stack_maps_of_key_view(volume, 0.025**3)
     assert np.percentile(maps.height[maps.valid], 99) == pytest.approx(2.0, abs=0.05)
     assert np.median(maps.height[maps.valid]) == pytest.approx(0.0, abs=0.05)
     # 0.4 m by 0.3 m in view
@@ -98,4 +99,4 @@ def test_a_key_view_alone_gives_the_surface_along_its_axis():
 
 def test_a_key_view_without_depth_is_refused():
     with pytest.raises(ScanError, match="no depth in the key view"):
-        key_view_maps(stack_volume_of_heights(None), 1e-6)
+        stack_maps_of_key_view(stack_volume_of_heights(None), 1e-6)

@@ -149,7 +149,7 @@ def normalize_posterior(log_posterior: np.ndarray) -> np.ndarray:
     return p / p.sum(axis=0)
 
 
-def smooth_posterior(log_posterior: np.ndarray, color: np.ndarray) -> np.ndarray:
+def smooth_to_probabilities(log_posterior: np.ndarray, color: np.ndarray) -> np.ndarray:
     """Smooths class probabilities between neighbouring pixels, except across colour edges.
 
     The operation is mean-field inference in a Potts model on the grid of pixels.

@@ -16,7 +16,7 @@ from stack_counter.segmentation.prompted.color_models import (
     RULED_OUT,
     ColorModels,
     normalize_posterior,
-    smooth_posterior,
+    smooth_to_probabilities,
 )
 from stack_counter.segmentation.prompts import Prompts
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS
@@ -118,7 +118,7 @@ def label_first_view(color: np.ndarray, color_bins: list[np.ndarray], prior: Pro
         if i < SETTINGS.point_rounds:
             color_models.add_image(color_bins, _point_weights(p, prior.points))
         # Label by prior, colours and neighbours.
-        p = smooth_posterior(log_prior + color_models.log_likelihood(color_bins), color)
+        p = smooth_to_probabilities(log_prior + color_models.log_likelihood(color_bins), color)
     return p
 
 

@@ -24,7 +24,7 @@ from stack_counter.segmentation.prompted.color_models import (
     RULED_OUT,
     ColorModels,
     compute_color_bins,
-    smooth_posterior,
+    smooth_to_probabilities,
 )
 from stack_counter.segmentation.prompted.depth_carrier import DepthCarrier
 from stack_counter.segmentation.prompted.first_view import (
@@ -131,7 +131,7 @@ def _estimate_probabilities(views: list[View], carrier: DepthCarrier | OutlineCa
     for view, color, bins in list(zip(views, colors, color_bins))[1:]:
         # Label by the carried prior, colours and neighbours.
         prior = np.maximum(carrier.prior(view), RULED_OUT)
-        p = smooth_posterior(np.log(prior) + color_models.log_likelihood(bins), color)
+        p = smooth_to_probabilities(np.log(prior) + color_models.log_likelihood(bins), color)
         probabilities.append(p)
         # Update the colour models and the carrier.
         color_models.add_image(bins, p)

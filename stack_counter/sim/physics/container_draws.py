@@ -62,9 +62,9 @@ class ContainerDrawSettings:
 SETTINGS = ContainerDrawSettings()
 
 
-def expected_gamma(shape: Shape) -> float:
+def expected_gamma(part_shape: Shape) -> float:
     """Estimates gamma, for choosing a number of parts: concave parts are looser."""
-    return SETTINGS.loosest_gamma * shape.convexity**SETTINGS.gamma_exponent
+    return SETTINGS.loosest_gamma * part_shape.convexity**SETTINGS.gamma_exponent
 
 
 def draw_deep_container(random: np.random.Generator, shape: Shape, max_parts: int

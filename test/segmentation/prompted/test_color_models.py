@@ -10,7 +10,7 @@ from stack_counter.segmentation.prompted.color_models import (
     ColorModels,
     compute_color_bins,
     normalize_posterior,
-    smooth_posterior,
+    smooth_to_probabilities,
 )
 from stack_counter.types import BACKGROUND, PARTS
 
@@ -54,7 +54,7 @@ def test_smoothing_fills_a_hole_but_keeps_an_edge():
     log_posterior = np.zeros((NUM_CLASSES, 8, 20), np.float32)
     log_posterior[BACKGROUND, :, :10] = log_posterior[PARTS, :, 10:] = 2
     log_posterior[:, 4, 4] = 0  # an undecided pixel inside the left surface
-    p = smooth_posterior(log_posterior, halves(RED, BLUE))
+    p = smooth_to_probabilities(log_posterior, halves(RED, BLUE))
     assert p[BACKGROUND, 4, 4] > 0.95
     assert np.all(p[BACKGROUND, :, :10] > 0.9) and np.all(p[PARTS, :, 10:] > 0.9)
 
@@ -62,8 +62,8 @@ def test_smoothing_fills_a_hole_but_keeps_an_edge():
 def test_an_edge_of_colour_weakens_the_neighbour():
     log_posterior = np.zeros((NUM_CLASSES, 1, 2), np.float32)
     log_posterior[PARTS, 0, 1] = 3  # the left pixel is undecided
-    plain = smooth_posterior(log_posterior, halves(RED, RED, (1, 2)))[PARTS, 0, 0]
-    edge = smooth_posterior(log_posterior, halves(RED, BLUE, (1, 2)))[PARTS, 0, 0]
+    plain = smooth_to_probabilities(log_posterior, halves(RED, RED, (1, 2)))[PARTS, 0, 0]
+    edge = smooth_to_probabilities(log_posterior, halves(RED, BLUE, (1, 2)))[PARTS, 0, 0]
     # One neighbour whose label is certain: log odds of its weight.
     weight = SETTINGS.neighbor_weight * SETTINGS.edge_weight_share
     assert plain > 0.6
