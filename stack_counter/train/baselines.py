@@ -22,18 +22,34 @@ from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
-from stack_counter.occupancy.baselines import FORMAT, normalized_height
+from stack_counter.occupancy.baselines import FORMAT, SETTINGS, normalized_height
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, read_shard, record
 
 _QUANTILES = 101
-# What the reconstruction makes of a kind of container.
-_FOUND = {"bin": "box", "tray": "box", "none": "none"}
+# Kinds of containers that are learnt from, and what the reconstruction calls them.
+_FOUND_AS = {"bin": "box", "tray": "box", "none": "none"}
 
 
 @dataclass(frozen=True)
 class Row:
-    """One scene, true and reconstructed; lengths in metres, volumes in m3."""
+    """One scene, true and reconstructed; lengths in metres, volumes in m3.
+
+    Attributes:
+        scene: `seed:index`.
+        family: of the part's shape.
+        kind: of the container, as the simulator names it.
+        found: of the container, as the reconstruction names it.
+        count: true number of parts.
+        part_size: largest side of the part.
+        unit_volume: v.
+        gamma: true occupancy ratio.
+        true_volume: V as an ideal view from above has it.
+        volume: V as measured.
+        volume_std: its standard deviation.
+        coverage: share of the footprint that was seen.
+        height: normalised height, see `normalized_height`.
+    """
 
     scene: str
     family: str
@@ -51,8 +67,8 @@ class Row:
 
 
 def measure_shard(path: Path) -> list[Row]:
-    """Rows of a shard's scenes in containers that the reconstruction knows."""
-    return [row for scene in read_shard(path) if scene.container.kind in _FOUND
+    """Measures a shard's scenes in containers that the reconstruction knows."""
+    return [row for scene in read_shard(path) if scene.container.kind in _FOUND_AS
             if (row := measure_scene(scene))]
 
 
@@ -77,41 +93,43 @@ def measure_scene(scene: Scene, views: int = 12) -> Row | None:
 
 
 def summarize_volume_errors(rows: list[Row]) -> dict[str, str]:
-    """Summarizes V's relative error by kind of container, where that was found for what it is.
+    """Puts V's relative errors into words, by kind of container.
 
-    Returns mean absolute error, mean and 95th percentile.
+    Mean absolute error, mean and 95th percentile, where the container was found for what it is.
     """
-    out = {}
+    lines = {}
     for kind in sorted({row.kind for row in rows}):
-        found = [r for r in rows if r.kind == kind and r.found == _FOUND[kind]]
-        error = np.array([r.volume / r.true_volume - 1 for r in found])
+        found = [r for r in rows if r.kind == kind and r.found == _FOUND_AS[kind]]
+        errors = np.array([r.volume / r.true_volume - 1 for r in found])
         scenes = sum(r.kind == kind for r in rows)
-        out[f"volume_{kind}"] = (
-            f"{len(error)} of {scenes} found, mean abs {np.abs(error).mean():.3f}, bias "
-            f"{error.mean():+.3f}, p95 {np.quantile(abs(error), 0.95):.3f}")
-    return out
+        lines[f"volume_{kind}"] = (
+            f"{len(errors)} of {scenes} found, mean abs {np.abs(errors).mean():.3f}, bias "
+            f"{errors.mean():+.3f}, p95 {np.quantile(abs(errors), 0.95):.3f}")
+    return lines
 
 
 def fit_baselines(rows: list[Row]) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """The tensors of the weights file, and the errors on families left out."""
+    """Fits the tensors of the weights file, and measures the errors on families left out."""
     gamma, height = (np.array([getattr(r, n) for r in rows]) for n in ("gamma", "height"))
     family = np.array([r.family for r in rows])
-    left_out = np.empty(len(rows))
-    means = np.empty(len(rows))
+    # Estimate each family by a fit to the others.
+    corrected, means = np.empty(len(rows)), np.empty(len(rows))
     for name in np.unique(family):
-        out = family == name
-        left_out[out] = np.polyval(np.polyfit(height[~out], gamma[~out], 1), height[out])
-        means[out] = gamma[~out].mean()
-    left_out = np.clip(left_out, 0.02, 0.95)
+        own = family == name
+        corrected[own] = np.polyval(np.polyfit(height[~own], gamma[~own], 1), height[own])
+        means[own] = gamma[~own].mean()
+    estimates = {"corrected": np.clip(corrected, *SETTINGS.gamma_range), "extrapolated": height,
+                 "prior": means}
+    # Quantiles of their ratios give the interval.
     shares = np.linspace(0, 1, _QUANTILES)
     tensors = {"line": np.polyfit(height, gamma, 1),
                "prior": np.array([gamma.mean(), gamma.std()]),
-               "ratios_corrected": np.quantile(gamma / left_out, shares),
-               "ratios_extrapolated": np.quantile(gamma / height, shares),
-               "ratios_prior": np.quantile(gamma / means, shares)}
+               **{f"ratios_{name}": np.quantile(gamma / estimate, shares)
+                  for name, estimate in estimates.items()}}
+    # Errors.
     spread = ((gamma - gamma.mean()) ** 2).sum()
     errors = {}
-    for name, estimate in (("corrected", left_out), ("extrapolated", height), ("prior", means)):
+    for name, estimate in estimates.items():
         errors[f"{name}_mae"] = float(np.abs(gamma - estimate).mean())
         errors[f"{name}_r2"] = float(1 - ((gamma - estimate) ** 2).sum() / spread)
     return {name: np.asarray(t, np.float64) for name, t in tensors.items()}, errors
@@ -131,10 +149,10 @@ def main() -> int:
                 for row in shard]
     options.out.with_suffix(".jsonl").write_text(
         "".join(json.dumps(asdict(row)) + "\n" for row in rows))
-    known = [row for row in rows if row.found == _FOUND[row.kind]]
-    tensors, errors = fit_baselines(known)
-    facts = {"format": FORMAT, "scenes": str(len(known)), **{k: f"{v:.4f}" for k, v in
-                                                            errors.items()}}
+    found = [row for row in rows if row.found == _FOUND_AS[row.kind]]
+    tensors, errors = fit_baselines(found)
+    facts = {"format": FORMAT, "scenes": str(len(found)), **{k: f"{v:.4f}" for k, v in
+                                                             errors.items()}}
     save_file(tensors, options.out, metadata=facts)
     print(json.dumps({**facts, **summarize_volume_errors(rows)}, indent=2))
     return 0

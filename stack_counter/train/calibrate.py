@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joins trained members to the file that is shipped, with their errors on unseen families.
+"""Joins trained members to the file that is shipped, with their errors on families left out.
 
     python -m stack_counter.train.calibrate RUN --scans SCANS --one-view SINGLE --out WEIGHTS
 
@@ -26,20 +26,20 @@ from stack_counter.occupancy.network import predict_gamma
 from stack_counter.occupancy.training_domain import TrainingDomain, assess_doubt
 from stack_counter.train.data.batches import assign_folds
 from stack_counter.train.data.fused import FusedScan, read_scans
-from stack_counter.train.gamma import read_member
+from stack_counter.train.member import read_member
 
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """How the domain of training is described; chosen.
+    """How the training domain is bounded; both chosen.
 
     Attributes:
-        known_share: share of the training stacks that lie within the domain.
-        covariance_floor: added to the variances of the surface features.
+        domain_share: share of the training stacks that lie within the domain's reach.
+        variance_floor: added to the variances of the features.
     """
 
-    known_share: float = 0.99
-    covariance_floor: float = 1e-2
+    domain_share: float = 0.99
+    variance_floor: float = 1e-2
 
 
 SETTINGS = CalibrationSettings()
@@ -50,86 +50,133 @@ class Residual:
     """One scan, counted by a member that had not seen its family.
 
     Attributes:
-        scan: the scan.
-        gamma: estimated occupancy ratio.
-        log_count: log of true over estimated count.
-        spread: relative standard deviation that was predicted for the count.
+        scan: with its truth.
+        gamma: as predicted.
+        log_count_ratio: log of true over estimated count.
+        relative_std: standard deviation of the count over the count, as predicted.
     """
 
     scan: FusedScan
     gamma: float
-    log_count: float
-    spread: float
+    log_count_ratio: float
+    relative_std: float
 
 
-def count_with_members(members: dict[int, nn.Module], scans: list[FusedScan], fold: dict[str, int],
-              known: TrainingDomain) -> list[Residual]:
-    """Counts the scans whose fold has a member, with the doubts of the run time."""
-    out = []
+def count_with_members(members: dict[int, nn.Module], scans: list[FusedScan],
+                       fold: dict[str, int], domain: TrainingDomain) -> list[Residual]:
+    """Counts all scans of whose fold there is a member, doubted as at run time.
+
+    Args:
+        members: networks by the fold that they have not seen.
+        scans: with truth.
+        fold: of each family.
+        domain: what the members have learnt from.
+    """
+    residuals = []
     for scan in scans:
-        net = members.get(fold[scan.sample.family])
-        if net is None or not scan.volume > 0 or not scan.sample.maps.height.any():
-            continue
         sample = scan.sample
+        net = members.get(fold[sample.family])
+        if net is None or not scan.volume > 0 or not sample.maps.height.any():
+            continue
+        # Predict as the run time does.
         prediction = predict_gamma([net], sample.maps)
         gamma = float(np.exp(prediction.log_gamma))
-        doubt = assess_doubt(sample.maps, gamma * scan.volume / sample.length_m**3,
-                             float(np.exp(prediction.shape_logs[0])), sample.kind != "none",
-                             known)
-        miss = np.log(sample.gamma) - prediction.log_gamma + np.log(
+        doubt = assess_doubt(
+            sample.maps, parts=gamma * scan.volume / sample.part_length_m**3,
+            part_size=float(np.exp(prediction.shape_logs[0])),
+            walled=sample.container_kind != "none", domain=domain)
+        # Compare the count, gamma and V together.
+        log_ratio = np.log(sample.gamma) - prediction.log_gamma + np.log(
             scan.true_volume / scan.volume)
-        out.append(Residual(scan, gamma, float(miss), float(np.hypot(
+        residuals.append(Residual(scan, gamma, float(log_ratio), float(np.hypot(
             prediction.relative_std * doubt.widening, scan.volume_std / scan.volume))))
-    return out
+    return residuals
 
 
 def fit_training_domain(scans: list[FusedScan]) -> TrainingDomain:
-    """Fits the domain of training: mean, whitening and reach of the surface features."""
+    """Fits the distribution of the surfaces of scans."""
     features = np.array(
-        [surface_features(s.sample.maps) for s in scans if s.sample.maps.height.any()]
-    )
+        [surface_features(s.sample.maps) for s in scans if s.sample.maps.height.any()])
     middle = features.mean(axis=0)
     values, vectors = np.linalg.eigh(
-        np.cov(features.T) + SETTINGS.covariance_floor * np.eye(features.shape[1])
-    )
+        np.cov(features.T) + SETTINGS.variance_floor * np.eye(features.shape[1]))
     whiten = vectors / np.sqrt(values)
-    reach = np.quantile(np.linalg.norm((features - middle) @ whiten, axis=1), SETTINGS.known_share)
+    reach = np.quantile(np.linalg.norm((features - middle) @ whiten, axis=1),
+                        SETTINGS.domain_share)
     return TrainingDomain(middle, whiten, np.array([reach]))
 
 
 def median_log_error(residuals: list[Residual]) -> float:
-    """Returns the median log of true over estimated gamma, where the container was found.
+    """Median log of true over predicted gamma, of scans whose container was found.
 
-    Estimates of families that a member has not seen are corrected by it.
+    What members predict for families that they have not seen is corrected by it.
     """
-    return float(
-        np.median([np.log(r.scan.sample.gamma / r.gamma) for r in residuals if r.scan.found])
-    )
+    return float(np.median([np.log(r.scan.sample.gamma / r.gamma) for r in residuals
+                            if r.scan.found]))
 
 
-def scores_where_found(residuals: list[Residual]) -> np.ndarray:
-    """Returns the (n,) sorted errors after the median's correction, where the container was found.
+def conformal_scores(residuals: list[Residual]) -> np.ndarray:
+    """(n,) sorted errors after that correction, in the standard deviations predicted for them.
 
-    They are in the standard deviations that were predicted for them.
+    They are of scans whose container was found.
     """
     center = median_log_error(residuals)
-    return np.sort([(r.log_count - center) / r.spread for r in residuals if r.scan.found])
+    return np.sort([(r.log_count_ratio - center) / r.relative_std for r in residuals
+                    if r.scan.found])
 
 
 def summarize_errors(residuals: list[Residual]) -> dict[str, float]:
-    """Summarizes the errors of gamma and of the count on families left out."""
+    """Errors of gamma and of the count on families left out."""
     true = np.array([r.scan.sample.gamma for r in residuals])
-    guess = np.array([r.gamma for r in residuals])
-    count = np.exp(-np.array([r.log_count for r in residuals])) - 1
-    return {"scans": len(residuals), "gamma_mae": float(np.abs(guess - true).mean()),
-            "gamma_bias": float((guess - true).mean()),
-            "gamma_r2": float(1 - ((guess - true) ** 2).mean() / true.var()),
-            "count_mean_relative_error": float(np.abs(count).mean()),
-            "count_median_relative_error": float(np.median(np.abs(count)))}
+    gamma = np.array([r.gamma for r in residuals])
+    count_errors = np.exp(-np.array([r.log_count_ratio for r in residuals])) - 1
+    return {"scans": len(residuals), "gamma_mae": float(np.abs(gamma - true).mean()),
+            "gamma_bias": float((gamma - true).mean()),
+            "gamma_r2": float(1 - ((gamma - true) ** 2).mean() / true.var()),
+            "count_mean_relative_error": float(np.abs(count_errors).mean()),
+            "count_median_relative_error": float(np.median(np.abs(count_errors)))}
+
+
+def summarize_all_errors(around: list[Residual], one_side: list[Residual]) -> dict[str, float]:
+    """Errors of all scans, of those whose container was found, and of single views of those."""
+    found = summarize_errors([r for r in around if r.scan.found])
+    single = summarize_errors([r for r in one_side if r.scan.found])
+    metrics = {**summarize_errors(around), **{f"{name}_found": x for name, x in found.items()},
+               **{f"{name}_one_view": x for name, x in single.items()}}
+    return {name: round(value, 4) for name, value in metrics.items()}
 
 
 def main() -> int:
     """Writes the weights file and prints the errors."""
+    options = _parse_arguments()
+    # Load the members, and the scans that none of them has learnt from.
+    paths = sorted(options.run.glob("member_*.pt"))
+    if not paths:
+        raise ConfigError(f"no member_*.pt in {options.run}; expected those that train writes")
+    members = {int(path.stem.partition("_")[2]): read_member(path, options.encoder_weights)[0]
+               for path in paths}
+    fold = assign_folds(json.loads((options.run / "families.json").read_text()))
+    scans, single = read_scans(options.scans), read_scans(options.one_view)
+    # Measure their errors.
+    domain = fit_training_domain(scans + single)
+    around, one_side = (count_with_members(members, group, fold, domain)
+                        for group in (scans, single))
+    calibration = {
+        "scores": conformal_scores(around), "scores_one_side": conformal_scores(one_side),
+        "centers": np.array([median_log_error(around), median_log_error(one_side)]),
+        **asdict(domain)}
+    errors = summarize_all_errors(around, one_side)
+    # Write.
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True,
+                            text=True, check=False).stdout.strip()
+    facts = {"version": options.version, "commit": commit, "errors": json.dumps(errors)}
+    save_members(options.out, list(members.values()), facts, calibration)
+    print(json.dumps(errors, indent=2))
+    _print_by_container(around)
+    return 0
+
+
+def _parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("run", type=Path, help="folder of member_*.pt")
     parser.add_argument("--scans", type=Path, required=True)
@@ -137,47 +184,19 @@ def main() -> int:
                         help="scans of one view each, for stacks that are seen from one side")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--encoder-weights", type=Path, metavar="DIR", help="of DINOv2")
-    parser.add_argument("--version", default="1", help="version that every count names")
-    options = parser.parse_args()
-    paths = sorted(options.run.glob("member_*.pt"))
-    if not paths:
-        raise ConfigError(f"no member_*.pt in {options.run}; expected those that train writes")
-    members = {int(path.stem.partition("_")[2]): read_member(path, options.encoder_weights)[0]
-               for path in paths}
-    scans = read_scans(options.scans)
-    families = json.loads((options.run / "families.json").read_text())
-    single = read_scans(options.one_view)
-    known, fold = fit_training_domain(scans + single), assign_folds(families)
-    from_arc, from_one_view = (
-        count_with_members(members, group, fold, known) for group in (scans, single)
-    )
-    tensors = {
-        "scores": scores_where_found(from_arc),
-        "scores_one_side": scores_where_found(from_one_view),
-        "centers": np.array([median_log_error(from_arc), median_log_error(from_one_view)]),
-        **asdict(known),
-    }
-    found = {
-        f"{k}_found": v for k, v in summarize_errors([r for r in from_arc if r.scan.found]).items()
-    }
-    one = {
-        f"{k}_one_view": v
-        for k, v in summarize_errors([r for r in from_one_view if r.scan.found]).items()
-    }
-    errors = {k: round(v, 4) for k, v in {**summarize_errors(from_arc), **found, **one}.items()}
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True,
-                            text=True, check=False).stdout.strip()
-    facts = {"version": options.version, "commit": commit, "errors": json.dumps(errors)}
-    save_members(options.out, list(members.values()), facts, tensors)
-    print(json.dumps(errors, indent=2))
-    for name in sorted({r.scan.sample.kind for r in from_arc}):
-        group = [r for r in from_arc if r.scan.sample.kind == name and r.scan.found]
+    parser.add_argument("--version", default="1", help="said in every message")
+    return parser.parse_args()
+
+
+def _print_by_container(residuals: list[Residual]) -> None:
+    """Prints a line for each kind of container, of scans in which it was found."""
+    for kind in sorted({r.scan.sample.container_kind for r in residuals}):
+        group = [r for r in residuals if r.scan.sample.container_kind == kind and r.scan.found]
         if group:
             e = summarize_errors(group)
-            print(f"{name:10}{len(group):5} gamma MAE {e['gamma_mae']:.3f} bias "
+            print(f"{kind:10}{len(group):5} gamma MAE {e['gamma_mae']:.3f} bias "
                   f"{e['gamma_bias']:+.3f} R2 {e['gamma_r2']:.2f}, count "
                   f"{e['count_mean_relative_error']:.3f}")
-    return 0
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -22,12 +23,22 @@ from stack_counter.train.data.fused import reconstruct_sample
 from stack_counter.train.data.heights import write_samples
 
 
-def _reconstruct_shard(job: tuple[Path, int, Path, bool]) -> None:
-    path, step, out, one_view = job
-    scenes = [s for s in read_shard(path) if s.truth.count and s.index % step == 0]
-    scans = [done for scene in scenes if (done := reconstruct_sample(scene, one_view))]
+@dataclass(frozen=True)
+class _Job:
+    """A shard whose every `step`-th scene is reconstructed into the file `out`."""
+
+    shard: Path
+    step: int
+    out: Path
+    one_view: bool
+
+
+def _store_scans(job: _Job) -> None:
+    """Reconstructs scenes of a shard and writes those that are not refused."""
+    scenes = [s for s in read_shard(job.shard) if s.truth.count and s.index % job.step == 0]
+    scans = [scan for scene in scenes if (scan := reconstruct_sample(scene, job.one_view))]
     if scans:
-        write_samples(out, [s.sample for s in scans], more=np.array(
+        write_samples(job.out, [s.sample for s in scans], more=np.array(
             [(s.true_volume, s.volume, s.volume_std, s.found) for s in scans]))
 
 
@@ -44,12 +55,12 @@ def main() -> int:
     jobs = []
     for text in options.scenes:
         folder, _, step = text.rpartition(":")
-        jobs += [(path, int(step), options.out / f"{Path(folder).name}_{path.stem}.npz",
-                  options.one_view)
+        jobs += [_Job(path, int(step), options.out / f"{Path(folder).name}_{path.stem}.npz",
+                      options.one_view)
                  for path in sorted(Path(folder).glob("shard_*.npz"))]
-    jobs = [job for job in jobs if not job[2].exists()]
+    jobs = [job for job in jobs if not job.out.exists()]
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        for _ in tqdm(pool.map(_reconstruct_shard, jobs), total=len(jobs), unit=" shards"):
+        for _ in tqdm(pool.map(_store_scans, jobs), total=len(jobs), unit=" shards"):
             pass
     return 0
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fits what `template.py` says of v from pieces on a table, on parts of the training families.
+"""Fits v from pieces on a table, the template model, on parts of the training families.
 
 python -m stack_counter.train.template --scans 600 --workers 2 --kept out/template.npz \
         --out stack_counter/weights/template.json
@@ -34,14 +34,15 @@ from stack_counter.sim import lay_out_pieces, make_shape, record
 
 @dataclass(frozen=True)
 class TemplateTrainingSettings:
-    """Which template scans are simulated, and how the regression is fitted; chosen.
+    """How scans are drawn and the model is chosen; all chosen.
 
     Attributes:
-        seed: seed of the scans.
-        views: fewest and most views of a scan.
-        pieces: fewest and most pieces on the table.
-        folds: parts of the families that are left out in turn.
-        penalties: ridge penalties that are tried.
+        seed: of shapes, layouts and noise.
+        views: smallest and largest number of views of a scan.
+        pieces: smallest and largest number of pieces on the table.
+        folds: groups of families, each left out once.
+        penalties: of the ridge regression, of which the best on families left out is taken.
+        many_pieces: pieces from which on the printed errors are shown apart.
     """
 
     seed: int = 77
@@ -49,29 +50,36 @@ class TemplateTrainingSettings:
     pieces: tuple[int, int] = (1, 10)
     folds: int = 6
     penalties: tuple[float, ...] = tuple(np.logspace(-1, 3, 9))
+    many_pieces: int = 5
 
 
 SETTINGS = TemplateTrainingSettings()
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Example:
-    """A template scan of a known part."""
+    """A template scan of a known part.
+
+    Attributes:
+        family: of the part's shape.
+        unit_volume: true v, m3.
+        template: what the scan has measured.
+    """
 
     family: str
     unit_volume: float
     template: Template
 
 
-def make_example(index: int) -> Example | None:
-    """Scan `index`; None if it is refused."""
+def simulate_example(index: int) -> Example | None:
+    """Records pieces of a random part and measures them; None if the scan is refused."""
     random = np.random.default_rng([SETTINGS.seed, index])
     try:
         shape = make_shape(int(random.integers(2**31)))
         pieces = int(random.integers(SETTINGS.pieces[0], SETTINGS.pieces[1] + 1))
         count = int(random.integers(SETTINGS.views[0], SETTINGS.views[1] + 1))
-        views = record(
-            lay_out_pieces(shape, pieces, SETTINGS.seed, index), count, SETTINGS.seed, color=False
-        )
+        views = record(lay_out_pieces(shape, pieces, SETTINGS.seed, index), count, SETTINGS.seed,
+                       color=False)
         return Example(shape.family, shape.unit_volume,
                        scan_template(views, pieces, ReconstructorConfig()))
     except StackCounterError as error:
@@ -79,8 +87,8 @@ def make_example(index: int) -> Example | None:
         return None
 
 
-def fit_template_model(examples: list[Example], penalty: float) -> TemplateModel:
-    """Ridge regression; the constant is free. Its `std` is not set."""
+def fit_model(examples: list[Example], penalty: float) -> TemplateModel:
+    """Fits log v by ridge regression; the constant is free, and `std` is not set."""
     raw = np.array([e.template.features for e in examples])
     mean, scale = raw.mean(axis=0), raw.std(axis=0) + 1e-6
     x = np.array([polynomial_features((row - mean) / scale) for row in raw])
@@ -90,31 +98,34 @@ def fit_template_model(examples: list[Example], penalty: float) -> TemplateModel
     return TemplateModel(mean, scale, weights, np.zeros(3))
 
 
-def measure_left_out_errors(examples: list[Example], penalty: float) -> np.ndarray:
-    """Returns the (n,) logs of fitted over true v, each by a fit without that family."""
-    families = sorted({e.family for e in examples})
-    fold = {
-        f: i % SETTINGS.folds for i, f in enumerate(np.random.default_rng(1).permutation(families))
-    }
-    out = np.zeros(len(examples))
-    for k in range(SETTINGS.folds):
-        model = fit_template_model([e for e in examples if fold[e.family] != k], penalty)
+def left_out_errors(examples: list[Example], penalty: float) -> np.ndarray:
+    """(n,) log of estimated over true v, each by a fit without that fold of families."""
+    families = np.random.default_rng(1).permutation(sorted({e.family for e in examples}))
+    fold = {family: i % SETTINGS.folds for i, family in enumerate(families)}
+    errors = np.zeros(len(examples))
+    for number in range(SETTINGS.folds):
+        model = fit_model([e for e in examples if fold[e.family] != number], penalty)
         for i, e in enumerate(examples):
-            if fold[e.family] == k:
-                out[i] = np.log(model.unit_volume(e.template)[0] / e.unit_volume)
-    return out
+            if fold[e.family] == number:
+                errors[i] = np.log(model.unit_volume(e.template)[0] / e.unit_volume)
+    return errors
 
 
-def fit_relative_std(examples: list[Example], misses: np.ndarray) -> np.ndarray:
-    """(3,) `TemplateModel.std` of most likelihood, for errors of families left out."""
-    def loss(log_std: np.ndarray) -> float:
-        std = np.array([relative_std(np.exp(log_std), len(e.template.carved),
-                                     e.unit_volume * np.exp(miss))
-                        for e, miss in zip(examples, misses)])
+def fit_error_model(examples: list[Example], log_errors: np.ndarray) -> np.ndarray:
+    """(3,) `TemplateModel.std` of maximum likelihood, for errors of families left out."""
+    def negative_log_likelihood(log_std: np.ndarray) -> float:
+        std = predicted_std(np.exp(log_std), examples, log_errors)
         # Laplace, whose scale is the standard deviation over the root of 2: tails are long.
-        return float(np.sum(np.log(std) + np.sqrt(2) * np.abs(misses) / std))
+        return float(np.sum(np.log(std) + np.sqrt(2) * np.abs(log_errors) / std))
 
-    return np.exp(minimize(loss, np.log([0.05, 0.1, 0.05]), method="Nelder-Mead").x)
+    return np.exp(minimize(negative_log_likelihood, np.log([0.05, 0.1, 0.05]),
+                           method="Nelder-Mead").x)
+
+
+def predicted_std(std: np.ndarray, examples: list[Example], log_errors: np.ndarray) -> np.ndarray:
+    """(n,) relative standard deviation that a `TemplateModel.std` predicts for estimates."""
+    return np.array([relative_std(std, len(e.template.carved), e.unit_volume * np.exp(error))
+                     for e, error in zip(examples, log_errors)])
 
 
 def main() -> int:
@@ -125,36 +136,36 @@ def main() -> int:
     parser.add_argument("--kept", type=Path, required=True, help="where the scans are kept")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
+    # Simulate the scans, unless they are stored.
     if not options.kept.exists():
         with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-            made = [e for e in tqdm(pool.map(make_example, range(options.scans)),
+            made = [e for e in tqdm(pool.map(simulate_example, range(options.scans)),
                                     total=options.scans, unit=" scans") if e is not None]
         options.kept.parent.mkdir(parents=True, exist_ok=True)
-        _write_examples(options.kept, made)
-    examples = _read_examples(options.kept)
-    penalty = min(
-        SETTINGS.penalties,
-        key=lambda p: float(np.abs(measure_left_out_errors(examples, p)).mean()),
-    )
-    misses = measure_left_out_errors(examples, penalty)
-    model = fit_template_model(examples, penalty)
-    std = fit_relative_std(examples, misses)
+        _save_examples(options.kept, made)
+    examples = _load_examples(options.kept)
+    # Fit, with the penalty that is best on families left out.
+    penalty = min(SETTINGS.penalties,
+                  key=lambda p: float(np.abs(left_out_errors(examples, p)).mean()))
+    log_errors = left_out_errors(examples, penalty)
+    model = fit_model(examples, penalty)
+    std = fit_error_model(examples, log_errors)
     options.out.write_text(json.dumps({
         "format": FORMAT, **{key: np.round(getattr(model, key), 5).tolist()
                              for key in ("mean", "scale", "weights")},
         "std": np.round(std, 5).tolist()}) + "\n")
-    many = np.array([len(e.template.carved) >= 5 for e in examples])
-    stds = [relative_std(std, len(e.template.carved), e.unit_volume * np.exp(m))
-            for m, e in zip(misses, examples)]
-    inside = np.abs(misses) < 1.645 * np.array(stds)
-    print(f"{len(examples)} scans, penalty {penalty:g}: mean error {np.abs(misses).mean():.3f}, "
-          f"of 5 pieces or more {np.abs(misses[many]).mean():.3f} (median "
-          f"{np.median(np.abs(misses[many])):.3f}); within 1.645 std {inside.mean():.2f}; std "
-          f"{np.round(std, 3)}")
+    # Print the errors.
+    many = np.array([len(e.template.carved) >= SETTINGS.many_pieces for e in examples])
+    inside = np.abs(log_errors) < 1.645 * predicted_std(std, examples, log_errors)
+    print(f"{len(examples)} scans, penalty {penalty:g}: mean error "
+          f"{np.abs(log_errors).mean():.3f}, of {SETTINGS.many_pieces} pieces or more "
+          f"{np.abs(log_errors[many]).mean():.3f} (median "
+          f"{np.median(np.abs(log_errors[many])):.3f}); within 1.645 std {inside.mean():.2f}; "
+          f"std {np.round(std, 3)}")
     return 0
 
 
-def _write_examples(path: Path, examples: list[Example]) -> None:
+def _save_examples(path: Path, examples: list[Example]) -> None:
     np.savez_compressed(
         path, family=[e.family for e in examples], v=[e.unit_volume for e in examples],
         pieces=[len(e.template.carved) for e in examples],
@@ -162,7 +173,7 @@ def _write_examples(path: Path, examples: list[Example]) -> None:
         features=[e.template.features for e in examples])
 
 
-def _read_examples(path: Path) -> list[Example]:
+def _load_examples(path: Path) -> list[Example]:
     with np.load(path, allow_pickle=False) as file:
         data = {name: file[name] for name in file.files}
     cuts = np.cumsum(data["pieces"])[:-1]

@@ -35,105 +35,121 @@ from stack_counter.types import WallShape
 
 @dataclass(frozen=True)
 class WallTrainingSettings:
-    """How Psi learns; chosen.
+    """What is learnt from, and how; all chosen.
 
     Attributes:
         views: views of a scene.
+        outline_std_m: standard deviation of a fitted outline's place and size, metres.
+        held_out_step: of so many scenes one is left out.
         epochs: passes over the crops.
         batch: crops of a batch.
-        rate: highest learning rate.
-        held_out: one of so many scenes is left out.
-        outline_m: standard deviation of a fitted outline's place and size, metres.
+        rate: highest learning rate of the one cycle.
+        decay: weight decay.
     """
 
     views: int = 3
+    outline_std_m: float = 0.0007
+    held_out_step: int = 5
     epochs: int = 14
     batch: int = 32
     rate: float = 2e-3
-    held_out: int = 5
-    outline_m: float = 0.0007
+    decay: float = 0.02
 
 
 SETTINGS = WallTrainingSettings()
 
-def noisy_outline(scene: Scene, random: np.random.Generator, std: float = SETTINGS.outline_m
-               ) -> WallShape | None:
-    """Returns a container's outer face as its rim shows it; None for bags and heaps."""
-    box = scene.container
-    T, wall = box.T_world_container, box.wall_thickness_m
+
+@dataclass(frozen=True, eq=False)
+class WallCrops:
+    """Network inputs with their truth.
+
+    Attributes:
+        crops: (n, ...) float16 inputs, as `wall_crop` makes them.
+        targets: (n,) float32 log of the wall's thickness over the container's width.
+        scenes: (n,) number that tells the scene of each.
+    """
+
+    crops: np.ndarray
+    targets: np.ndarray
+    scenes: np.ndarray
+
+
+def noisy_outline(scene: Scene, random: np.random.Generator,
+                  std: float = SETTINGS.outline_std_m) -> WallShape | None:
+    """Makes the outer face of a scene's container as its rim shows it; None for bags and heaps.
+
+    Args:
+        scene: with the container.
+        random: draws the errors of place and size.
+        std: their standard deviation, metres.
+    """
+    container = scene.container
+    T, thickness = container.T_world_container, container.wall_thickness_m
     x, y = T[:2, 3] + random.normal(0, std, 2)
-    width, length = np.array(box.inner_size_m[:2]) + 2 * wall + random.normal(0, std, 2)
-    if box.kind in ("bin", "tray"):
+    width, length = np.array(container.inner_size_m[:2]) + 2 * thickness + random.normal(0, std, 2)
+    if container.kind in ("bin", "tray"):
         return BoxWall(np.array([x, y, np.arctan2(T[1, 0], T[0, 0]), width, length, 0.0]))
-    if box.kind in ("cylinder", "bowl", "cup"):
+    if container.kind in ("cylinder", "bowl", "cup"):
         return RoundWall(np.array([x, y, width / 2, 0.0, 0.0]))
     return None
 
 
 def render_crops(scene: Scene) -> list[np.ndarray]:
-    """Renders the crops of a few noisy views."""
+    """Crops the walls out of a few noisy views of a scene."""
     random = np.random.default_rng([scene.seed, scene.index, 0x3A1])
-    form = noisy_outline(scene, random)
-    if form is None:
+    shape = noisy_outline(scene, random)
+    if shape is None:
         return []
-    out = []
+    crops = []
     for view in record(scene, SETTINGS.views, seed=1, color=False):
         try:
-            out.append(wall_crop(view, form, scene.container.rim_height_m, 0.0))
+            crops.append(wall_crop(view, shape, scene.container.rim_height_m, 0.0))
         except ViewError:
             continue
-    return out
+    return crops
 
 
-def _cache_crops(job: tuple[Path, int, Path]) -> None:
-    path, step, out = job
-    crops, target, index = [], [], []
-    for scene in read_shard(path):
-        if scene.index % step:
-            continue
-        form = noisy_outline(scene, np.random.default_rng(0), 0.0)
-        for crop in render_crops(scene):
-            assert form is not None  # for the type checker: it has crops
-            crops.append(crop.astype(np.float16))
-            target.append(np.log(scene.container.wall_thickness_m / outer_width(form)))
-            index.append(zlib.crc32(f"{scene.seed}:{scene.index}".encode()))
-    if crops:
-        np.savez_compressed(out, crops=np.stack(crops), target=target, scene=index)
+def load_crops(folders: list[str], cache: Path, workers: int) -> WallCrops:
+    """Loads the crops of folders `DIR:STEP`; each shard's are made once and stored below `cache`.
 
-
-def load_crops(texts: list[str], cache: Path, workers: int
-               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Crops, targets and scene numbers of folders `DIR:STEP`; kept below `cache`."""
+    Raises:
+        ConfigError: no folder holds shards of scenes.
+    """
     cache.mkdir(parents=True, exist_ok=True)
     jobs = []
-    for text in texts:
+    for text in folders:
         folder, _, step = text.partition(":")
         jobs += [(path, int(step or 1), cache / f"{path.parent.name}_{path.stem}_{step}.npz")
                  for path in sorted(Path(folder).glob("shard_*.npz"))]
     if not jobs:
-        raise ConfigError(f"no shard_*.npz in {texts}; expected folders of scenes")
+        raise ConfigError(f"no shard_*.npz in {folders}; expected folders of scenes")
     missing = [job for job in jobs if not job[2].exists()]
     if missing:
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            for _ in tqdm(pool.map(_cache_crops, missing), total=len(missing), unit=" shards"):
+            for _ in tqdm(pool.map(_store_crops, missing), total=len(missing), unit=" shards"):
                 pass
-    parts = [np.load(out) for _, _, out in jobs if out.exists()]
-    crops, target, scene = (np.concatenate([p[name] for p in parts])
-                            for name in ("crops", "target", "scene"))
-    return crops, target.astype(np.float32), scene
+    stored = [np.load(path) for _, _, path in jobs if path.exists()]
+    crops, targets, scenes = (np.concatenate([file[name] for file in stored])
+                              for name in ("crops", "target", "scene"))
+    return WallCrops(crops, targets.astype(np.float32), scenes)
 
 
-def train_wall_net(
-    crops: np.ndarray, target: np.ndarray, seed: int = 0, batch: int = SETTINGS.batch
-) -> WallNet:
-    """One network, by the one-cycle rule; mirrored at random."""
+def train_wall_net(crops: np.ndarray, targets: np.ndarray, seed: int = 0,
+                   batch: int = SETTINGS.batch) -> WallNet:
+    """Trains one network by the one-cycle rule; crops are mirrored at random.
+
+    Args:
+        crops: (n, ...) inputs.
+        targets: (n,) float32.
+        seed: of weights, order and mirroring.
+        batch: crops of a batch.
+    """
     torch.manual_seed(seed)
     random, net = np.random.default_rng(seed), WallNet()
     steps = max(len(crops) // batch, 1)
-    optimizer = torch.optim.AdamW(net.parameters(), SETTINGS.rate, weight_decay=0.02)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, SETTINGS.rate, SETTINGS.epochs * steps + 1
-    )
+    optimizer = torch.optim.AdamW(net.parameters(), SETTINGS.rate, weight_decay=SETTINGS.decay)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, SETTINGS.rate,
+                                                   SETTINGS.epochs * steps + 1)
     net.train()
     for _ in tqdm(range(SETTINGS.epochs), unit=" epochs"):
         order = random.permutation(len(crops))[:steps * batch]
@@ -141,12 +157,26 @@ def train_wall_net(
             x = torch.from_numpy(crops[rows].astype(np.float32))
             x = x.flip(3) if random.random() < 0.5 else x
             with torch.autocast("cpu", torch.bfloat16):
-                loss = net.loss(x, torch.from_numpy(target[rows]))
+                loss = net.loss(x, torch.from_numpy(targets[rows]))
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
             schedule.step()
     return net.eval()
+
+
+def evaluate_wall_net(net: WallNet, data: WallCrops) -> dict[str, float]:
+    """Errors of the thickness, averaged over the views of a scene."""
+    with torch.inference_mode():
+        log_shares = np.concatenate([net(x.float())[0].numpy()
+                                     for x in torch.from_numpy(data.crops).split(64)])
+    by_scene = [(np.exp(log_shares[data.scenes == scene]).mean(),
+                 np.exp(data.targets[data.scenes == scene][0]))
+                for scene in np.unique(data.scenes)]
+    estimated, true = np.array(by_scene).T
+    return {"scenes": len(true), "mean_abs_share_of_width": float(np.abs(estimated - true).mean()),
+            "median_relative": float(np.median(np.abs(estimated / true - 1))),
+            "of_the_mean": float(np.abs(true.mean() - true).mean())}
 
 
 def main() -> int:
@@ -157,21 +187,31 @@ def main() -> int:
     parser.add_argument("--cache", type=Path, default=Path("out/walls"))
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    crops, target, scene = load_crops(options.scenes, options.cache, options.workers)
-    held = scene % SETTINGS.held_out == 0
-    net = train_wall_net(crops[~held], target[~held])
-    with torch.inference_mode():
-        guess = np.concatenate([net(x.float())[0].numpy()
-                                for x in torch.from_numpy(crops[held]).split(64)])
-    by_scene = [(np.exp(guess[scene[held] == s]).mean(), np.exp(target[held][scene[held] == s][0]))
-                for s in np.unique(scene[held])]
-    got, true = np.array(by_scene).T
-    errors = {"scenes": len(true), "mean_abs_share_of_width": float(np.abs(got - true).mean()),
-              "median_relative": float(np.median(np.abs(got / true - 1))),
-              "of_the_mean": float(np.abs(true.mean() - true).mean())}
+    data = load_crops(options.scenes, options.cache, options.workers)
+    held_out = data.scenes % SETTINGS.held_out_step == 0
+    net = train_wall_net(data.crops[~held_out], data.targets[~held_out])
+    errors = evaluate_wall_net(net, WallCrops(data.crops[held_out], data.targets[held_out],
+                                              data.scenes[held_out]))
     save_wall_net(options.out, net, {"errors": json.dumps(errors)})
     print(json.dumps(errors, indent=2))
     return 0
+
+
+def _store_crops(job: tuple[Path, int, Path]) -> None:
+    """Crops every `step`-th scene of a shard and writes crops and truth to the second path."""
+    path, step, stored = job
+    crops, targets, scenes = [], [], []
+    for scene in read_shard(path):
+        if scene.index % step:
+            continue
+        true_shape = noisy_outline(scene, np.random.default_rng(0), 0.0)
+        for crop in render_crops(scene):
+            assert true_shape is not None  # for the type checker: it has crops
+            crops.append(crop.astype(np.float16))
+            targets.append(np.log(scene.container.wall_thickness_m / outer_width(true_shape)))
+            scenes.append(zlib.crc32(f"{scene.seed}:{scene.index}".encode()))
+    if crops:
+        np.savez_compressed(stored, crops=np.stack(crops), target=targets, scene=scenes)
 
 
 if __name__ == "__main__":

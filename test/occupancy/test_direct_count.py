@@ -20,8 +20,9 @@ from stack_counter.occupancy.direct_count import (
 )
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.maps import TILE, make_maps
-from stack_counter.train import direct, gamma
+from stack_counter.train import direct
 from stack_counter.train.data.heights import Sample
+from stack_counter.train.member import TrainingData
 from stack_counter.types import Container, HeightMap, StackVolume, ViewTally
 
 SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)
@@ -72,7 +73,7 @@ def test_training_writes_what_the_estimator_loads(tmp_path, monkeypatch):
         return Sample(maps(64, 1.0 + i % 5), 0.5, np.zeros(3, np.float32), 0.01, f"0:{i}",
                       ["nut", "tube", "ring", "ball", "cube"][i % 5], "bin", 40 * (1 + i % 5), 0.5)
     samples = [sample(i) for i in range(40)]
-    data = gamma.TrainingData(samples, [i % 2 == 0 for i in range(40)], np.ones(40))
+    data = TrainingData(samples, [i % 2 == 0 for i in range(40)], np.ones(40))
     monkeypatch.setattr(direct, "load_data", lambda _: data)
     monkeypatch.setattr(direct, "_WIDTHS", (8, 8, 8, 8))
     monkeypatch.setattr("sys.argv", ["direct", "--data", "x", "--out", str(tmp_path),

@@ -13,7 +13,7 @@ from stack_counter.occupancy.baselines import Baselines, Prior
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.maps import make_maps
 from stack_counter.occupancy.network import GammaPrediction, NetworkEstimator
-from stack_counter.train import calibrate, gamma
+from stack_counter.train import calibrate, gamma, member
 from stack_counter.train.data.fused import FusedScan
 from stack_counter.train.data.heights import Sample, write_samples
 
@@ -22,7 +22,7 @@ SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)
 
 @pytest.fixture(autouse=True)
 def small_networks(monkeypatch):
-    monkeypatch.setattr(gamma, "make_net", lambda *_: GammaNet(SMALL))
+    monkeypatch.setattr(member, "make_net", lambda *_: GammaNet(SMALL))
 
 
 def sample(i, family="nut"):
@@ -37,7 +37,7 @@ def sample(i, family="nut"):
 
 def data(count, family="nut"):
     samples = [sample(i, family) for i in range(count)]
-    return gamma.TrainingData(samples, [i % 2 == 0 for i in range(count)], np.ones(count))
+    return member.TrainingData(samples, [i % 2 == 0 for i in range(count)], np.ones(count))
 
 
 def history(path):
@@ -46,36 +46,36 @@ def history(path):
 
 def test_it_learns_and_keeps_its_best(tmp_path):
     torch.manual_seed(0)
-    config, path = gamma.TrainConfig(epochs=4, batch=8, rate=1e-2), tmp_path / "member_0.pt"
-    gamma.train_member(GammaNet(SMALL), data(64), data(8), config, path)
+    config, path = member.TrainConfig(epochs=4, batch=8, rate=1e-2), tmp_path / "member_0.pt"
+    member.train_member(GammaNet(SMALL), data(64), data(8), config, path)
     lines = history(path)
     assert len(lines) == 4 and lines[-1]["loss"] < lines[0]["loss"]
-    assert gamma.read_member(path)[1] == lines
+    assert member.read_member(path)[1] == lines
     gamma.plot_curves(tmp_path)
     assert (tmp_path / "curves.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_after_a_kill_it_goes_on_where_it_was(tmp_path, monkeypatch):
-    config, path = gamma.TrainConfig(epochs=3, batch=8), tmp_path / "member_0.pt"
-    watch, calls = gamma.measure_held_out, []
+    config, path = member.TrainConfig(epochs=3, batch=8), tmp_path / "member_0.pt"
+    evaluate, calls = member.measure_held_out, []
 
     def killed(*args):
         calls.append(1)
         if len(calls) == 2:
             raise KeyboardInterrupt
-        return watch(*args)
-    monkeypatch.setattr(gamma, "measure_held_out", killed)
+        return evaluate(*args)
+    monkeypatch.setattr(member, "measure_held_out", killed)
     with pytest.raises(KeyboardInterrupt):
-        gamma.train_member(GammaNet(SMALL), data(16), data(8), config, path)
+        member.train_member(GammaNet(SMALL), data(16), data(8), config, path)
     first = history(path)
-    gamma.train_member(GammaNet(SMALL), data(16), data(8), config, path)
+    member.train_member(GammaNet(SMALL), data(16), data(8), config, path)
     assert len(first) == 1 and len(history(path)) == 3 and history(path)[0] == first[0]
 
 
 def test_it_stops_when_nothing_improves(tmp_path, monkeypatch):
-    monkeypatch.setattr(gamma, "measure_held_out", lambda *_: {"score": 1.0, "mae": 1.0})
-    config, path = gamma.TrainConfig(epochs=9, batch=8, patience=2), tmp_path / "member_0.pt"
-    gamma.train_member(GammaNet(SMALL), data(8), data(8), config, path)
+    monkeypatch.setattr(member, "measure_held_out", lambda *_: {"score": 1.0, "mae": 1.0})
+    config, path = member.TrainConfig(epochs=9, batch=8, patience=2), tmp_path / "member_0.pt"
+    member.train_member(GammaNet(SMALL), data(8), data(8), config, path)
     assert len(history(path)) == 3
 
 
@@ -106,11 +106,12 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
     of = calibrate.count_with_members(nets, scans, fold, calibrate.fit_training_domain(scans))
     assert len(of) == 24
     assert all(net is nets[fold[r.scan.sample.family]] for net, r in zip(seen, of))
-    assert of[0].log_count == pytest.approx(np.log(of[0].scan.sample.gamma) - np.log(1.1))
-    assert of[0].spread == pytest.approx(np.hypot(0.2, 2 / 110))
+    assert of[0].log_count_ratio == pytest.approx(np.log(of[0].scan.sample.gamma) - np.log(1.1))
+    assert of[0].relative_std == pytest.approx(np.hypot(0.2, 2 / 110))
     unknown = calibrate.TrainingDomain(np.full(6, 99.0), np.eye(6), np.ones(1))
     doubted = calibrate.count_with_members(nets, scans, fold, unknown)
-    assert all(a.spread > 9 * b.spread for a, b in zip(doubted, of))  # as the run time widens it
+    # As the run time widens it.
+    assert all(a.relative_std > 9 * b.relative_std for a, b in zip(doubted, of))
 
 
 def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys):
@@ -120,9 +121,9 @@ def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys):
     scans.mkdir()
     families = ["nut", "tube"]
     (run / "families.json").write_text(json.dumps(families))
-    config = gamma.TrainConfig(epochs=1, batch=8)
+    config = member.TrainConfig(epochs=1, batch=8)
     for k in range(5):
-        gamma.train_member(GammaNet(SMALL), data(16), data(8), config, run / f"member_{k}.pt")
+        member.train_member(GammaNet(SMALL), data(16), data(8), config, run / f"member_{k}.pt")
     samples = [sample(i, families[i % 2]) for i in range(20)]
     write_samples(scans / "a.npz", samples, more=np.tile([1e-3, 1e-3, 1e-5, 1], (20, 1)))
     out = tmp_path / "gamma.safetensors"

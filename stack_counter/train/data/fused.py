@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes through the whole reconstruction: recorded with noise, fused, kept with their truth."""
+"""Scenes through the whole reconstruction: recorded with noise, fused, stored with their truth."""
 
 from __future__ import annotations
 
@@ -12,41 +12,51 @@ import numpy as np
 from stack_counter.errors import StackCounterError
 from stack_counter.occupancy.maps import stack_maps
 from stack_counter.sim import RECONSTRUCTED_KIND, Scene, reconstruct, reconstruct_from_above
-from stack_counter.train.data.heights import Sample, read_samples, shape_logs
+from stack_counter.train.data.heights import Sample, label_maps, read_samples
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FusedScan:
-    """A fused scene: its maps with the truth, and how V came out (m3)."""
+    """A fused scene.
+
+    Attributes:
+        sample: its maps with the truth.
+        true_volume: V as an ideal view from above has it, m3.
+        volume: V as measured, m3.
+        volume_std: its standard deviation, m3.
+        found: the container was found for what it is.
+    """
 
     sample: Sample
     true_volume: float
     volume: float
     volume_std: float
-    found: bool  # the container, for what it is
+    found: bool
 
 
 def reconstruct_sample(scene: Scene, one_view: bool = False) -> FusedScan | None:
-    """One scene, from an arc or from one view; None, with a line on stderr, if it is refused."""
-    truth, name = scene.truth, f"{scene.seed}:{scene.index}"
+    """Records and reconstructs a scene from an arc of views, or from one view above.
+
+    Returns:
+        None, with a line on stderr, if the scan is refused.
+    """
     try:
         volume = reconstruct_from_above(scene) if one_view else reconstruct(scene)
-        maps = stack_maps(volume, truth.unit_volume)
+        maps = stack_maps(volume, scene.truth.unit_volume)
     except StackCounterError as error:
-        print(f"scene {name}: {error}", file=sys.stderr)
+        print(f"scene {scene.seed}:{scene.index}: {error}", file=sys.stderr)
         return None
-    of = Sample(maps, truth.gamma, shape_logs(scene), truth.unit_volume ** (1 / 3), name,
-                scene.shape.family, scene.container.kind, truth.count, truth.fill)
-    return FusedScan(of, truth.stack_volume, volume.stack_volume, volume.stack_volume_std,
-                volume.container.kind == RECONSTRUCTED_KIND[scene.container.kind])
+    return FusedScan(label_maps(maps, scene), scene.truth.stack_volume, volume.stack_volume,
+                     volume.stack_volume_std,
+                     volume.container.kind == RECONSTRUCTED_KIND[scene.container.kind])
 
 
 def read_scans(folder: Path) -> list[FusedScan]:
-    """All scans kept in a folder by `train.scans`."""
+    """Reads all scans that `train.scans` has stored in a folder."""
     scans = []
     for path in sorted(folder.glob("*.npz")):
         with np.load(path, allow_pickle=False) as file:
             more = file["more"]
-        scans += [FusedScan(sample, true, volume, std, bool(found))
-                  for sample, (true, volume, std, found) in zip(read_samples(path), more)]
+        scans += [FusedScan(sample, true_volume, volume, std, bool(found)) for
+                  sample, (true_volume, volume, std, found) in zip(read_samples(path), more)]
     return scans

@@ -83,5 +83,5 @@ def test_samples_come_back_from_their_file(tmp_path):
         np.testing.assert_allclose(a.maps.top, b.maps.top, atol=0.002)
         np.testing.assert_allclose(a.maps.height, b.maps.height, atol=0.004)
         np.testing.assert_allclose(a.maps.wall, b.maps.wall, atol=1e-6)
-        assert (a.gamma, a.name, a.family, a.kind, a.count) == (
-            b.gamma, b.name, b.family, b.kind, b.count)
+        assert (a.gamma, a.name, a.family, a.container_kind, a.count) == (
+            b.gamma, b.name, b.family, b.container_kind, b.count)

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One network of the ensemble: how it learns, resumes, and is evaluated on families left out."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from tqdm import tqdm
+
+from stack_counter.occupancy.checkpoint import make_net
+from stack_counter.occupancy.gamma_net import GammaNet
+from stack_counter.train.data.batches import SETTINGS, draw_batches, make_input, target_tensor
+from stack_counter.train.data.heights import Sample
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """How to learn, stored with the checkpoint; all chosen.
+
+    Attributes:
+        epochs: passes; an epoch draws as many samples as there are.
+        batch: tiles.
+        rate: highest learning rate of the one cycle.
+        decay: weight decay.
+        patience: epochs without progress on the families left out after which training stops.
+        seed: of weights, batches and augmentation.
+        likelihood: Laplace's likelihood, not the squared error, of log gamma.
+        form_weight: weight of the error of the part's shape; docs/gamma.md compares it with 0.
+        blind: share of tiles without wall and floor.
+        degrade: degrade surfaces as fusion does; else they are learnt from as cast.
+        averaging: decay of the moving average of the weights, which is what is kept.
+        gradient_limit: largest norm of a gradient.
+        warmup: share of the cycle in which the rate rises.
+        fused_weight: how often a fused scan is drawn, a cast surface being drawn once.
+        evaluated: samples of families left out on which an epoch is evaluated.
+    """
+
+    epochs: int = 20
+    batch: int = 32
+    rate: float = 2e-3
+    decay: float = 0.05
+    patience: int = 10
+    seed: int = 0
+    likelihood: bool = True
+    form_weight: float = 0.02
+    blind: float = SETTINGS.blind_share
+    degrade: bool = True
+    averaging: float = 0.995
+    gradient_limit: float = 5.0
+    warmup: float = 0.2
+    fused_weight: float = 3.0
+    evaluated: int = 400
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingData:
+    """Samples to learn from.
+
+    Attributes:
+        samples: cast and fused ones.
+        fused: for each whether it was truly fused.
+        weights: (n,) how often each is drawn, relatively.
+    """
+
+    samples: list[Sample]
+    fused: list[bool]
+    weights: np.ndarray
+
+    @property
+    def families(self) -> list[str]:
+        """Names of the families, sorted."""
+        return sorted({s.family for s in self.samples})
+
+    def select(self, chosen: np.ndarray) -> TrainingData:
+        """Returns the samples that a (n,) bool mask chooses."""
+        rows = np.flatnonzero(chosen)
+        return TrainingData([self.samples[i] for i in rows], [self.fused[i] for i in rows],
+                            self.weights[rows])
+
+
+class _Training:
+    """State of one member's training, all of which a checkpoint holds."""
+
+    def __init__(self, net: nn.Module, config: TrainConfig, steps: int):
+        """`steps`: batches of an epoch."""
+        self.net = net.to(memory_format=torch.channels_last)
+        self.average = AveragedModel(self.net, use_buffers=True,
+                                     multi_avg_fn=get_ema_multi_avg_fn(config.averaging))
+        self.optimizer = torch.optim.AdamW(self.net.parameters(), config.rate,
+                                           weight_decay=config.decay)
+        self.schedule = torch.optim.lr_scheduler.OneCycleLR(
+            self.optimizer, config.rate, config.epochs * steps + 1, pct_start=config.warmup)
+        self.history: list[dict[str, Any]] = []
+        self.best: dict[str, torch.Tensor] = {}
+        self._config = config
+
+    def load(self, path: Path) -> None:
+        """Goes on from a checkpoint."""
+        state = torch.load(path, weights_only=True)
+        for name, part in self._parts().items():
+            part.load_state_dict(state[name])
+        self.history, self.best = state["history"], state["best"]
+
+    def save(self, path: Path) -> None:
+        """Writes a checkpoint in one step."""
+        state = {**{name: part.state_dict() for name, part in self._parts().items()},
+                 "history": self.history, "best": self.best, "config": asdict(self._config),
+                 "encoder": "own" if isinstance(self.net, GammaNet) else "dinov2"}
+        unfinished = path.with_suffix(".part")
+        torch.save(state, unfinished)
+        unfinished.replace(path)
+
+    def step(self, x: torch.Tensor, y: torch.Tensor) -> float:
+        """Learns one batch and returns its loss."""
+        with torch.autocast("cpu", torch.bfloat16):
+            loss = self.net.loss(x.to(memory_format=torch.channels_last), y,
+                                 likelihood=self._config.likelihood,
+                                 shape_weight=self._config.form_weight)
+        self.optimizer.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.net.parameters(), self._config.gradient_limit)
+        self.optimizer.step()
+        self.schedule.step()
+        self.average.update_parameters(self.net)
+        return float(loss.detach())
+
+    def is_finished(self) -> bool:
+        """Whether all epochs are done, or the last ones brought no progress."""
+        scores = [line["score"] for line in self.history]
+        return len(scores) >= self._config.epochs or bool(
+            scores and len(scores) - 1 - int(np.argmin(scores)) >= self._config.patience)
+
+    def end_epoch(self, line: dict[str, Any]) -> None:
+        """Appends an epoch's figures; keeps the averaged weights if they are the best so far."""
+        self.history.append(line)
+        if line["score"] <= min(earlier["score"] for earlier in self.history):
+            weights = self.average.module.state_dict()
+            self.best = {name: value.clone() for name, value in weights.items()}
+
+    def _parts(self) -> dict[str, Any]:
+        return {"net": self.net, "average": self.average, "optimizer": self.optimizer,
+                "schedule": self.schedule}
+
+
+def train_member(net: nn.Module, data: TrainingData, held_out: TrainingData, config: TrainConfig,
+                 path: Path) -> None:
+    """Trains one network, from its checkpoint if there is one; the best epoch is kept.
+
+    Args:
+        net: untrained.
+        data: what is learnt.
+        held_out: samples of families left out, on which every epoch is evaluated.
+        config: how to learn.
+        path: checkpoint.
+    """
+    steps = max(len(data.samples) // config.batch, 1)
+    training = _Training(net, config, steps)
+    if path.exists():
+        training.load(path)
+    as_is = [fused or not config.degrade for fused in data.fused]
+    while not training.is_finished():
+        begin, epoch, total = time.time(), len(training.history), 0.0
+        # Learn an epoch's batches.
+        net.train()
+        batches = draw_batches(data.samples, as_is, data.weights, config.batch, steps,
+                               (config.seed, epoch), config.blind)
+        for x, y in tqdm(batches, total=steps, desc=f"{path.stem} epoch {epoch}", mininterval=30):
+            total += training.step(x, y)
+        # Evaluate the averaged weights and store all.
+        line = {"epoch": epoch, "loss": total / steps,
+                **measure_held_out(training.average.module, held_out),
+                "seconds": time.time() - begin}
+        print(path.stem, json.dumps({k: round(v, 4) for k, v in line.items()}), flush=True)
+        training.end_epoch(line)
+        training.save(path)
+
+
+def measure_held_out(net: nn.Module, held_out: TrainingData, blind_share: float = 0.0
+                      ) -> dict[str, float]:
+    """Measures errors on families left out; `score` is the mean error of log gamma."""
+    # The same tiles in every epoch.
+    rows = np.random.default_rng(0).permutation(len(held_out.samples))[:TrainConfig.evaluated]
+    x = np.stack([make_input(held_out.samples[i], held_out.fused[i], (7, int(i)), blind_share)
+                  for i in rows])
+    log_true = target_tensor([held_out.samples[i] for i in rows])[:, 0]
+    # Predict.
+    net.eval()
+    with torch.no_grad():
+        log_gamma = torch.cat([net(part)[0] for part in torch.from_numpy(x).split(64)])
+    # Compare.
+    true, gamma = torch.exp(log_true), torch.exp(log_gamma)
+    fused = torch.tensor([held_out.fused[i] for i in rows])
+    mae_fused = float((gamma - true)[fused].abs().mean()) if fused.any() else 0.0
+    return {"score": float((log_gamma - log_true).abs().mean()),
+            "mae": float((gamma - true).abs().mean()),
+            "r2": float(1 - ((gamma - true) ** 2).mean() / true.var(correction=0)),
+            "bias": float((gamma - true).mean()), "mae_fused": mae_fused}
+
+
+def read_member(path: Path, encoder_folder: Path | None = None
+                ) -> tuple[nn.Module, list[dict[str, Any]]]:
+    """Reads the best network of a checkpoint, and its history."""
+    state = torch.load(path, weights_only=True)
+    net = make_net(state["encoder"], encoder_folder)
+    net.load_state_dict(state["best"])
+    return net.eval(), state["history"]
