@@ -115,7 +115,7 @@ def median_log_error(residuals: list[Residual]) -> float:
                             if r.scan.found]))
 
 
-def conformal_scores(residuals: list[Residual]) -> np.ndarray:
+def scores_where_found(residuals: list[Residual]) -> np.ndarray:
     """(n,) sorted errors after that correction, in the standard deviations predicted for them.
 
     They are of scans whose container was found.
@@ -162,7 +162,7 @@ def main() -> int:
     around, one_side = (count_with_members(members, group, fold, domain)
                         for group in (scans, single))
     calibration = {
-        "scores": conformal_scores(around), "scores_one_side": conformal_scores(one_side),
+        "scores": scores_where_found(around), "scores_one_side": scores_where_found(one_side),
         "centers": np.array([median_log_error(around), median_log_error(one_side)]),
         **asdict(domain)}
     errors = summarize_all_errors(around, one_side)
@@ -184,7 +184,7 @@ def _parse_arguments() -> argparse.Namespace:
                         help="scans of one view each, for stacks that are seen from one side")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--encoder-weights", type=Path, metavar="DIR", help="of DINOv2")
-    parser.add_argument("--version", default="1", help="said in every message")
+    parser.add_argument("--version", default="1", help="version that every count names")
     return parser.parse_args()
 
 

@@ -157,13 +157,14 @@ class MixedModel(torch.nn.Module):
         self.coefficients = torch.nn.Parameter(torch.zeros(2, FEATURES, dtype=torch.double))
         self.shared_root, self.noise_root = diagonal(2 * _SHARED, 0.15), diagonal(2, 0.08)
 
-    def loss(self, x: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
+    def negative_log_likelihood(self, features: torch.Tensor, values: torch.Tensor
+                                ) -> torch.Tensor:
         """Negative log likelihood of a rig's (2 n,) values, features (n, FEATURES)."""
-        both = torch.kron(torch.eye(2, dtype=torch.double), x[:, :_SHARED].contiguous())
+        both = torch.kron(torch.eye(2, dtype=torch.double), features[:, :_SHARED].contiguous())
         covariance = both @ self.shared() @ both.T \
-            + torch.kron(self.noise(), torch.eye(len(x)).double())
+            + torch.kron(self.noise(), torch.eye(len(features)).double())
         covariance = covariance + SETTINGS.jitter * torch.eye(len(covariance)).double()
-        mean = (x @ self.coefficients.T).T.reshape(-1)
+        mean = (features @ self.coefficients.T).T.reshape(-1)
         return -torch.distributions.MultivariateNormal(mean, covariance).log_prob(values)
 
     def shared(self) -> torch.Tensor:
@@ -192,7 +193,7 @@ def fit_mixed_model(rigs: Sequence[Sequence[RigScan]]) -> GammaModel:
 
     def closure() -> torch.Tensor:
         optimizer.zero_grad()
-        loss = torch.stack([model.loss(x, values) for x, values in data]).mean()
+        loss = torch.stack([model.negative_log_likelihood(x, values) for x, values in data]).mean()
         loss.backward()
         return loss
 
