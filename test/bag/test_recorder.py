@@ -110,7 +110,7 @@ def test_a_killed_recorder_leaves_its_images_and_the_next_gives_them_a_name(tmp_
                              env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
 
     def images():
-        parts = list(tmp_path.glob("*.part"))
+        parts = [path for path in tmp_path.glob("*.part") if path.stat().st_size]
         return parts and BagReader(parts[0]).topics.get("/camera/color/image_raw", ("", 0))[1]
 
     try:

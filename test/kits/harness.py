@@ -96,6 +96,16 @@ class Harness:
                 return future.result()
         raise AssertionError(f"no answer of {name}")
 
+    def call_in_executor(self, call):
+        """Makes a call in the thread that spins and returns what it gives.
+
+        An action's answer can come before the call that asked for it has returned; it is then
+        dropped. In the thread that takes answers it cannot.
+        """
+        task = self._executor.create_task(call)
+        self.wait(task.done, "a call")
+        return task.result()
+
     def wait(self, condition, what, seconds=PATIENCE_S):
         """Waits until the condition holds; fails the test where it does not in time."""
         deadline = time.monotonic() + seconds

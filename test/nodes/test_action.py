@@ -54,14 +54,15 @@ def goal(**fields):
 def test_scan_with_verdict_then_rejection_and_cancel(ros, cell):
     client, play = cell
     feedback, states = [], ros.collect_messages(ScanStatus, "/stack_counter/scan_status")
-    sent = client.send_goal_async(goal(max_views=12, expected_count=5000, tolerance=10),
-                                  feedback_callback=lambda m: feedback.append(m.feedback))
+    sent = ros.call_in_executor(lambda: client.send_goal_async(
+        goal(max_views=12, expected_count=5000, tolerance=10),
+        feedback_callback=lambda m: feedback.append(m.feedback)))
     ros.wait(sent.done, "the goal's acceptance")
     assert sent.result().accepted
-    second = client.send_goal_async(goal())
+    second = ros.call_in_executor(lambda: client.send_goal_async(goal()))
     ros.wait(second.done, "an answer")
     assert not second.result().accepted, "one goal at a time"
-    result = sent.result().get_result_async()
+    result = ros.call_in_executor(sent.result().get_result_async)
     ros.wait(lambda: any(s.state == ScanStatus.SCANNING and s.scan_id for s in states), "a scan")
     play()
     ros.wait(result.done, "the result")
@@ -71,18 +72,18 @@ def test_scan_with_verdict_then_rejection_and_cancel(ros, cell):
     assert answer.count.views.used == 12
     assert feedback and feedback[-1].views.used >= 11
 
-    cancelled = client.send_goal_async(goal())
+    cancelled = ros.call_in_executor(lambda: client.send_goal_async(goal()))
     ros.wait(cancelled.done, "the goal's acceptance")
-    stop = cancelled.result().cancel_goal_async()
+    stop = ros.call_in_executor(cancelled.result().cancel_goal_async)
     ros.wait(stop.done, "the cancellation")
-    end = cancelled.result().get_result_async()
+    end = ros.call_in_executor(cancelled.result().get_result_async)
     ros.wait(end.done, "the cancelled goal's end")
     assert end.result().status == GoalStatus.STATUS_CANCELED
 
-    short = client.send_goal_async(goal(timeout=1.0, min_views=3))
+    short = ros.call_in_executor(lambda: client.send_goal_async(goal(timeout=1.0, min_views=3)))
     ros.wait(short.done, "the goal's acceptance")
     assert short.result().accepted, "ready again after a cancel"
-    end = short.result().get_result_async()
+    end = ros.call_in_executor(short.result().get_result_async)
     ros.wait(end.done, "the timeout")
     assert not end.result().result.success and "0 views" in end.result().result.message
     assert end.result().status == GoalStatus.STATUS_ABORTED
