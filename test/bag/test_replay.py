@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag is counted by one call, and its views are read in one way."""
 
-from pathlib import Path
 
 import pytest
 from kits.bags import bag, bin_views
@@ -11,15 +10,7 @@ from stack_counter.config import load_config
 from stack_counter.errors import PartError, ScanError
 from stack_counter.files import config_path
 
-ROOT = Path(__file__).parents[2]
 CONFIG = load_config(config_path("stack_counter.yaml"))
-
-
-def test_five_lines_count_the_demo():
-    result = count_bag(ROOT / "bags" / "demo", unit_volume=6.00488e-6)
-    low, high = result.count_interval
-    assert result.count == 184 and low <= 182 <= high
-    assert result.count == round(result.gamma * result.volume.stack_volume / 6.00488e-6)
 
 
 def test_a_part_is_named_or_its_volume_given(tmp_path):

@@ -58,7 +58,7 @@ def written(answer):
 
 
 def test_a_count_is_written_once_with_the_mesh_of_its_volume(node, tmp_path):
-    node.reports.keep("bin 7", True, volume())
+    node.reports.keep_volume("bin 7", True, volume())
     node.count(count("bin 7"))
     answer = node.write()
     assert answer.message == str(tmp_path / "reports" / "report_20231114-221320-123_bin-7")
@@ -68,7 +68,7 @@ def test_a_count_is_written_once_with_the_mesh_of_its_volume(node, tmp_path):
     assert {p.name for p in Path(answer.message).iterdir()} == {
         "result.json", "surface.ply", "surface.png"}
     assert node.write().message == answer.message
-    node.reports.keep("bin 7", True, volume())  # another one of that name and time
+    node.reports.keep_volume("bin 7", True, volume())  # another one of that name and time
     node.count(count("bin 7", number=300))
     again = node.write()
     assert again.message == answer.message + "-2" and written(again)["count"] == 300
@@ -77,7 +77,7 @@ def test_a_count_is_written_once_with_the_mesh_of_its_volume(node, tmp_path):
 
 def test_without_a_folder_or_a_count_it_says_what_is_missing(node):
     assert "nothing was counted yet" in node.write().message
-    node.reports.keep("a", True, volume())
+    node.reports.keep_volume("a", True, volume())
     waiting = node.write()
     assert not waiting.success and "scan 'a' is not counted yet" in waiting.message
     node.count(count("a", error="unknown part 'x'"))
@@ -91,16 +91,16 @@ def test_without_a_folder_or_a_count_it_says_what_is_missing(node):
 def test_a_folder_that_cannot_be_made_is_an_answer(tmp_path):
     (tmp_path / "file").write_text("")
     node = start(tmp_path / "file")
-    node.reports.keep("a", True, volume())
+    node.reports.keep_volume("a", True, volume())
     node.count(count("a"))
     answer = node.write()
     assert not answer.success and str(tmp_path / "file") in answer.message
 
 
 def test_each_count_finds_its_own_volume(node):
-    node.reports.keep("a", False, volume(STAMP, 1.0))
-    node.reports.keep("a", False, volume(STAMP + 1, 2.0))
-    node.reports.keep("a", True, volume(STAMP + 1, 3.0))
+    node.reports.keep_volume("a", False, volume(STAMP, 1.0))
+    node.reports.keep_volume("a", False, volume(STAMP + 1, 2.0))
+    node.reports.keep_volume("a", True, volume(STAMP + 1, 3.0))
     node.count(count("a", STAMP - 1, 99))  # of the time before this node
     node.count(count("b", STAMP, 98))
     assert "not counted yet" in node.write().message
@@ -112,7 +112,7 @@ def test_each_count_finds_its_own_volume(node):
 
 def test_in_continuous_mode_the_last_one_counted_is_written(node):
     for i in range(7):  # more than are kept
-        node.reports.keep("a", False, volume(STAMP + i, i))
+        node.reports.keep_volume("a", False, volume(STAMP + i, i))
     node.count(count("a", STAMP + 4, 40, final=False))
     result = written(node.write())
     assert (result["count"], result["volume_m3"]) == (40, 4e-3)
