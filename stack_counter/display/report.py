@@ -48,6 +48,7 @@ def as_dict(count: StackCount, counts: list[dict[str, Any]]) -> dict[str, Any]:
                      "quaternion_xyzw": quaternion.tolist()}},
         "views": {"received": volume.views.received, "used": volume.views.used,
                   "skipped": volume.views.skipped},
+        "view_agreement_mm": 1000 * volume.view_agreement_m,
         "coverage": volume.coverage, "fill_level": list(volume.fill_level),
         "estimator": count.estimator, "gamma_shares": count.gamma_shares,
         "counted_scans": count.counted_scans,
@@ -79,7 +80,8 @@ def as_text(count: StackCount, true_count: int | None) -> str:
         f"v          {count.unit_volume * 1e6:.4f} cm3",
         f"container  {_container_text(volume.container)}",
         f"views      {volume.views.used} used of {volume.views.received}"
-        + (f", skipped {volume.views.skipped}" if volume.views.skipped else ""),
+        + (f", skipped {volume.views.skipped}" if volume.views.skipped else "")
+        + (f", {1000 * volume.view_agreement_m:.1f} mm apart" if volume.view_agreement_m else ""),
         "seconds    " + ", ".join(f"{stage} {count.seconds[stage]:.2f}" for stage in STAGES
                                   if stage in count.seconds)]
     # What qualifies it.

@@ -144,6 +144,7 @@ class CounterNode(ManagedNode[CounterConfig]):
                 "count_high": last.count_high, "age s": float(last.age),
                 "reasons": ", ".join(last.reasons),
                 "missing cameras": ", ".join(last.missing_cameras),
+                "view_agreement mm": 1000 * last.view_agreement,
                 "views received": tally.received, "views used": tally.used,
                 **{f"seconds {stage}": s for stage, s in from_seconds(last.seconds).items()},
                 **{f"skipped: {reason}": number for reason, number in tally.skipped.items()}}

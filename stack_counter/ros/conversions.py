@@ -207,7 +207,8 @@ def to_stack_volume(volume: StackVolume, world_frame: str, request: PosedImage, 
         missing_cameras=list(volume.missing_cameras), top=to_height_map(volume.top),
         inner=to_height_map(volume.inner), has_key_view=volume.key_view is not None,
         views=to_tally(volume.views), reasons=to_reasons(volume.reasons),
-        seconds=to_seconds(volume.seconds))
+        seconds=to_seconds(volume.seconds), region=volume.region,
+        view_agreement=volume.view_agreement_m)
     message.fill_level_min, message.fill_level_mean, message.fill_level_max = volume.fill_level
     if volume.key_view is not None:
         message.key_view = to_key_view(volume.key_view, request.header.frame_id)
@@ -229,7 +230,8 @@ def from_stack_volume(message: StackVolumeMsg) -> StackVolume:
         inner=from_height_map(message.inner), missing_cameras=tuple(message.missing_cameras),
         key_view=from_key_view(message.key_view) if message.has_key_view else None,
         views=from_tally(message.views), reasons=reasons, one_side=Reason.ONE_SIDE in reasons,
-        seconds=from_seconds(message.seconds))
+        seconds=from_seconds(message.seconds), region=message.region,
+        view_agreement_m=message.view_agreement)
 
 
 # --- the count --------------------------------------------------------------------------------
@@ -268,7 +270,8 @@ def failed_count(error: str, request: StackVolumeMsg) -> StackCountMsg:
         stack_volume=request.stack_volume, stack_volume_std=request.stack_volume_std,
         container=request.container, views=request.views,
         missing_cameras=request.missing_cameras, status=StackCountMsg.STATUS_ERROR,
-        reasons=request.reasons, error=error, seconds=request.seconds)
+        reasons=request.reasons, error=error, seconds=request.seconds, region=request.region,
+        view_agreement=request.view_agreement)
 
 
 def set_verdict(message: StackCountMsg, expected: int, tolerance: int) -> str:

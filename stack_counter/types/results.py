@@ -32,6 +32,9 @@ class StackVolume:
         mesh: carved surface, world frame, for display.
         missing_cameras: names of the rig's cameras that gave no view.
         one_side: all views look from nearly the same direction, as those of one fixed camera.
+        region: name of the configured region that was measured; empty if none is named.
+        view_agreement_m: median distance between the surfaces that different views show of one
+            place, metres; 0 if unknown, as with one view.
     """
 
     stamp_ns: int
@@ -49,6 +52,8 @@ class StackVolume:
     mesh: Mesh | None = None
     missing_cameras: tuple[str, ...] = ()
     one_side: bool = False
+    region: str = ""
+    view_agreement_m: float = 0.0
 
     @property
     def overfilled(self) -> bool:
