@@ -29,6 +29,7 @@ _EVALUATIONS = {
     "gamma": "of gamma, beside the baselines",
     "count": "of the whole count and its interval",
     "live": "of the running count while parts are taken out",
+    "robustness": "of counts of scans made hard on purpose: right, honest or wrong without a word",
     "parts": "of counts where the part's CAD file or a counted bin is known",
     "template": "of v from pieces on a table",
     "volume": "of V and the container",

@@ -11,6 +11,9 @@ What is named here is for `train`, `eval` and `teaching`; the rest is the simula
 from stack_counter.sim.camera.bags import remove_parts
 from stack_counter.sim.camera.depth_camera import DepthCamera
 from stack_counter.sim.camera.recording import record, record_fixed_camera
+from stack_counter.sim.hard.kinds import HARD_KINDS, hard_kind, make_hard_scan
+from stack_counter.sim.hard.piles import read_piles
+from stack_counter.sim.hard.scan import HardScan
 from stack_counter.sim.ideal import IdealSurface, ideal_surface
 from stack_counter.sim.physics.container_draws import draw_deep_container
 from stack_counter.sim.physics.drop import simulate_pile
@@ -28,10 +31,12 @@ from stack_counter.sim.shapes.library import load_shapes
 
 __all__ = [
     "FRICTION",
+    "HARD_KINDS",
     "RECONSTRUCTED_KIND",
     "SCENES_PER_RIG",
     "ContainerShape",
     "DepthCamera",
+    "HardScan",
     "IdealSurface",
     "RayCaster",
     "Scene",
@@ -41,11 +46,14 @@ __all__ = [
     "Truth",
     "draw_deep_container",
     "draw_plan_in_container",
+    "hard_kind",
     "ideal_surface",
     "lay_out_pieces",
     "load_shapes",
+    "make_hard_scan",
     "make_shape",
     "max_simulated_parts",
+    "read_piles",
     "read_scenes",
     "read_shard",
     "reconstruct",

@@ -71,7 +71,7 @@ def record(scene: Scene, views: int = 12, seed: int = 0, color: bool = True,
     materials = seed if color else None
     recorded = [_render_view(renderer, T, perturb_pose(T, random, pose_sigma_m, pose_sigma_deg),
                              (i + 1) * SETTINGS.step_ns, sensor, random, materials, intrinsics)
-                for i, T in enumerate(arc_poses(scene, views, random))]
+                for i, T in enumerate(arc_poses(*scene.bounds(), views, random))]
     return recorded if labels else [replace(view, labels=None) for view in recorded]
 
 
@@ -84,7 +84,7 @@ def record_fixed_camera(states: list[Scene], seed: int = 0, color: bool = True) 
         color: render colour too (seconds a view).
     """
     random = np.random.default_rng([seed, states[0].index, 0xF1])
-    T, sensor = arc_poses(states[0], 1, random)[0], DepthCamera()
+    T, sensor = arc_poses(*states[0].bounds(), 1, random)[0], DepthCamera()
     reported = perturb_pose(T, random)
     materials = seed if color else None
     return [replace(_render_view(Renderer(state), T, reported, (i + 1) * SETTINGS.step_ns,
@@ -108,7 +108,7 @@ def record_station(states: list[Scene], cameras: int = 4, seed: int = 0, color: 
     random = np.random.default_rng([seed, states[0].index, 0x57A])
     names = [*("left", "front", "right", "back")[:cameras], *map(str, range(4, cameras))]
     # True poses around the bin, and as they were calibrated
-    target, distance = _framing(states[0])
+    target, distance = _framing(*states[0].bounds())
     tilt = np.deg2rad(SETTINGS.station_tilt_deg)
     poses = {name: geometry.look_at(
         target + distance * _direction(tilt, np.pi + 2 * np.pi * i / cameras), target)
@@ -127,9 +127,19 @@ def record_station(states: list[Scene], cameras: int = 4, seed: int = 0, color: 
     return recorded
 
 
-def arc_poses(scene: Scene, views: int, random: np.random.Generator) -> list[np.ndarray]:
-    """True (4, 4) camera poses: once around the bin, tilted 10 to 45 degrees from the vertical."""
-    target, distance = _framing(scene)
+def arc_poses(low: np.ndarray, high: np.ndarray, views: int, random: np.random.Generator
+              ) -> list[np.ndarray]:
+    """True camera poses: once around what stands between two corners, tilted 10 to 45 degrees.
+
+    Args:
+        low, high: (3,) corners, world, metres; `low` lies on the support plane.
+        views: number of poses.
+        random: draws where the arc starts, and how much each pose deviates from it.
+
+    Returns:
+        (4, 4) float64 `T_world_camera` of each view.
+    """
+    target, distance = _framing(low, high)
     start = random.uniform(0, 2 * np.pi)
     tilts, play = SETTINGS.arc_tilts_deg, SETTINGS.tilt_play_deg
     poses = []
@@ -142,9 +152,8 @@ def arc_poses(scene: Scene, views: int, random: np.random.Generator) -> list[np.
     return poses
 
 
-def _framing(scene: Scene) -> tuple[np.ndarray, float]:
-    """Middle (3,) of the bin, and the distance from which `CAMERA` has all of it in view."""
-    low, high = scene.bounds()
+def _framing(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
+    """Middle (3,) between two corners, and the distance from which `CAMERA` sees all of it."""
     radius = float(np.linalg.norm(high[:2] - low[:2])) / 2
     target = np.array([*(low[:2] + high[:2]) / 2, high[2] / 2])
     fitting = SETTINGS.margin * radius * CAMERA.fy / (CAMERA.height / 2)
