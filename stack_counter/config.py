@@ -48,7 +48,10 @@ class CollectorConfig:
     color_transport: str = _setting("raw", "how colour images come", choices=("raw", "compressed"))
     camera_info_topic: str = _setting("/camera/color/camera_info", "calibration of all images")
     depth_topic: str = _setting("/camera/aligned_depth_to_color/image_raw",
-                                "depth aligned to colour; empty: none")
+                                "depth images; empty: none")
+    depth_camera_info_topic: str = _setting(
+        "", "calibration of depth of another camera than colour's, which is registered by it and "
+            "TF; empty: camera_info beside depth_topic")
     labels_topic: str = _setting("", "mono8 label images aligned to colour; empty: none")
     pose_source: str = _setting("tf", "where poses come from", choices=("tf", "topic"))
     pose_topic: str = _setting("/camera/pose",

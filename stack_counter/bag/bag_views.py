@@ -12,6 +12,7 @@ from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
 from stack_counter.types import View
+from stack_counter.views.depth_stream import depth_camera_info_topic
 from stack_counter.views.rig import Rig, load_rig
 from stack_counter.views.rig_assembler import RigAssembler
 
@@ -73,9 +74,11 @@ def fit_camera_to_bag(config: CollectorConfig, topics: dict[str, tuple[str, int]
         raise BagError(f"no images on {config.color_topic} or {compressed}; the bag has "
                        f"{', '.join(topics) or 'no topics'}")
     labels = config.labels_topic or LABELS_TOPIC
+    info = depth_camera_info_topic(config)
     return replace(
         config, color_transport="raw" if config.color_topic in topics else "compressed",
         depth_topic=config.depth_topic if config.depth_topic in topics else "",
+        depth_camera_info_topic=info if info in topics else config.depth_camera_info_topic,
         labels_topic=labels if labels in topics else "", record_folder="")
 
 
@@ -102,7 +105,7 @@ def fit_rig_to_bag(rig: Rig, topics: dict[str, tuple[str, int]]) -> Rig:
 
 def subscribed_topics(assembler: RigAssembler) -> list[str]:
     """Topics that a collector of these cameras subscribes to."""
-    return [*assembler.topic_handlers(), *(_TF_TOPICS if assembler.needs_tf else ())]
+    return [*assembler.topic_handlers(), *assembler.tf_topics()]
 
 
 def read_views(reader: BagReader, assembler: RigAssembler) -> Iterator[tuple[str, View]]:

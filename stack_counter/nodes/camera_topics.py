@@ -20,7 +20,8 @@ from stack_counter.views.rig_assembler import RigAssembler
 
 _SILENT_AFTER_S = 2.0  # an operator should look
 _SENSOR_DEPTH, _TF_DEPTH, _STATIC_TF_DEPTH = 30, 1000, 100
-_TAKEN_BETWEEN_SCANS = ("info", "pose")
+_TAKEN_BETWEEN_SCANS = ("info", "depth_info", "pose")
+_OPTIONAL = ("depth_info",)  # aligned depth needs none of its own
 
 
 class CameraTopics:
@@ -48,8 +49,7 @@ class CameraTopics:
         self._inputs: list[Subscription] = []
         self.message_since_tick = False
         self._subscribe_to_cameras(reliable)
-        if assembler.needs_tf:
-            self._subscribe_to_tf()
+        self._subscribe_to_tf()
 
     @property
     def unmatched(self) -> list[str]:
@@ -80,17 +80,22 @@ class CameraTopics:
         for topic, handlers in self._assembler.topic_handlers().items():
             content = handlers[0][0]
             kinds = {"color": CompressedImage if topic.endswith("/compressed") else Image,
-                     "info": CameraInfo, "pose": PoseStamped}
-            self._inputs.append(self._node.subscribe(
+                     "info": CameraInfo, "depth_info": CameraInfo, "pose": PoseStamped}
+            subscription = self._node.subscribe(
                 kinds.get(content, Image), topic, self._handler_of(topic, handlers),
-                RELIABLE if content == "pose" else sensor))
+                RELIABLE if content == "pose" else sensor)
+            if content not in _OPTIONAL:
+                self._inputs.append(subscription)
 
     def _subscribe_to_tf(self) -> None:
-        self._inputs.append(self._node.subscribe(
-            TFMessage, "/tf", lambda m: self._on_tf(m, False), QoSProfile(depth=_TF_DEPTH)))
-        self._node.subscribe(
-            TFMessage, "/tf_static", lambda m: self._on_tf(m, True),
-            QoSProfile(depth=_STATIC_TF_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+        topics = self._assembler.tf_topics()
+        if "/tf" in topics:
+            self._inputs.append(self._node.subscribe(
+                TFMessage, "/tf", lambda m: self._on_tf(m, False), QoSProfile(depth=_TF_DEPTH)))
+        if "/tf_static" in topics:
+            self._node.subscribe(
+                TFMessage, "/tf_static", lambda m: self._on_tf(m, True),
+                QoSProfile(depth=_STATIC_TF_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL))
 
     def _handler_of(self, topic: str, handlers: list[tuple[str, Callable[[Any], None]]]
                     ) -> Callable[[Any], None]:

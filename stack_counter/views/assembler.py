@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter, deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +20,7 @@ from stack_counter.config import CollectorConfig
 from stack_counter.errors import ViewError
 from stack_counter.types import View, ViewTally
 from stack_counter.views import decoding
+from stack_counter.views.depth_stream import DepthStream
 from stack_counter.views.image_stream import MAX_QUEUED_MESSAGES, Calibrations, ImageStream
 from stack_counter.views.tf_buffer import TransformBuffer
 from stack_counter.views.view_gate import ViewGate
@@ -89,12 +89,13 @@ class ViewAssembler:
         self._tolerance_ns = round(config.sync_tolerance_s * 1e9)
         self._transforms = TransformBuffer(config.tf_max_gap_s)
         self._calibrations = Calibrations(self._tolerance_ns)
+        self._depths = DepthStream(config, self._transforms, frame)
         self.start()
 
     def start(self) -> None:
         """Begins a scan: forgets images and tally, keeps transforms and calibration."""
         self._waiting: deque[WaitingImage] = deque()
-        self._depths = ImageStream("depth", self._tolerance_ns)
+        self._depths.start()
         self._labels = ImageStream("labels", self._tolerance_ns)
         self._gate = ViewGate(self._config)
         self._skipped: Counter[str] = Counter()
@@ -154,25 +155,21 @@ class ViewAssembler:
             self._count_skipped(ViewError(
                 "time_jumped", f"the clock went back from {self._newest} ns"))
         self._waiting.clear()
-        for stream in (self._depths, self._labels):
-            stream.restart(stamp)
+        self._depths.restart(stamp)
+        self._labels.restart(stamp)
         self._calibrations.restart()
 
     def add_depth(self, message: Any) -> None:
-        """Takes a depth `Image` that is aligned to colour."""
-        self._add_to_stream(self._depths, message, decoding.depth_to_metres)
+        """Takes a depth `Image`."""
+        self._depths.add_message(message)
+
+    def add_depth_camera_info(self, message: Any) -> None:
+        """Takes the depth images' own `CameraInfo`."""
+        self._depths.add_camera_info(message)
 
     def add_labels(self, message: Any) -> None:
         """Takes a label `Image` that is aligned to colour."""
-        self._add_to_stream(self._labels, message, decoding.labels_to_array)
-
-    def _add_to_stream(self, stream: ImageStream, message: Any, decode: Callable[[Any], np.ndarray]
-              ) -> None:
-        try:
-            image: np.ndarray | ViewError = decode(message)
-        except ViewError as error:
-            image = error  # counted when a view needs this image
-        stream.add(decoding.stamp_ns(message.header.stamp), image)
+        self._labels.add_message(message, decoding.labels_to_array)
 
     def add_camera_info(self, message: Any) -> None:
         """Takes a `CameraInfo`; it is checked when a view needs it."""
@@ -225,17 +222,19 @@ class ViewAssembler:
                 self._count_skipped(error)
             self._waiting.popleft()
             self._calibrations.note_decided(head.stamp_ns)
-            self._depths.forget_before(head.stamp_ns)
+            self._depths.note_decided(head.stamp_ns)
             self._labels.forget_before(head.stamp_ns)
         return views
 
     def _is_complete(self, head: WaitingImage) -> bool:
         """Tells whether no message that may still come can change this view."""
         # With newer images there, a calibration sent with this very one would have come.
-        calibrated = self._calibrations.is_settled(head.stamp_ns) or (
-            bool(self._calibrations) and len(self._waiting) >= SETTINGS.uncalibrated_images)
-        return (calibrated
-                and (not self._config.depth_topic or self._depths.is_settled(head.stamp_ns))
+        patient = len(self._waiting) < SETTINGS.uncalibrated_images
+        intrinsics = self._calibrations.calibration_at(head.stamp_ns)
+        return (intrinsics is not None
+                and (not patient or self._calibrations.is_settled(head.stamp_ns))
+                and (not self._config.depth_topic or self._depths.is_settled(
+                    head.stamp_ns, head.frame, intrinsics, patient))
                 and (not self._config.labels_topic or self._labels.is_settled(head.stamp_ns))
                 and self._has_pose(head))
 
@@ -265,14 +264,14 @@ class ViewAssembler:
             raise ViewError("size_mismatch", f"image of {head.color.shape[1]}x"
                                              f"{head.color.shape[0]}; expected {size[1]}x{size[0]}"
                                              " as in camera_info")
-        depth = labels = None
-        if self._config.depth_topic:
-            depth = self._depths.nearest_image(head.color, head.stamp_ns, "bad_depth")
+        labels = None
         if self._config.labels_topic:
             labels = self._labels.nearest_image(head.color, head.stamp_ns, "bad_labels")
         T, fixed = self._find_pose(head)
-        view = View(head.stamp_ns, intrinsics, geometry.canonical_pose(T), head.color, depth,
+        view = View(head.stamp_ns, intrinsics, geometry.canonical_pose(T), head.color, None,
                     labels, head.frame, fixed)
+        if self._config.depth_topic:
+            view = self._depths.add_depth_to(view)
         self._gate.check(view)
         return view
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from stack_counter.errors import ViewError
 from stack_counter.types import Intrinsics
+from stack_counter.views import decoding
 
 MAX_QUEUED_MESSAGES = 30
 
@@ -27,21 +30,48 @@ class ImageStream:
         self._kind = kind
         self._tolerance_ns = tolerance_ns
         self._stamps: list[int] = []
-        self._images: list[np.ndarray | ViewError] = []
+        self._images: list[tuple[str, np.ndarray | ViewError]] = []
 
-    def add(self, stamp_ns: int, image: np.ndarray | ViewError) -> None:
-        """Adds an (h, w) image, or the error that says why it could not be decoded."""
+    def add(self, stamp_ns: int, image: np.ndarray | ViewError, frame: str = "") -> None:
+        """Adds an (h, w) image of a camera frame, or the error that says why there is none."""
         i = bisect_left(self._stamps, stamp_ns)
         self._stamps.insert(i, stamp_ns)
-        self._images.insert(i, image)
+        self._images.insert(i, (frame, image))
         self._forget(len(self._stamps) - MAX_QUEUED_MESSAGES)
+
+    def add_message(self, message: Any, decode: Callable[[Any], np.ndarray]) -> None:
+        """Adds the image of a message; why it does not decode is said where it is needed."""
+        try:
+            image: np.ndarray | ViewError = decode(message)
+        except ViewError as error:
+            image = error
+        self.add(decoding.stamp_ns(message.header.stamp), image,
+                 message.header.frame_id.lstrip("/"))
 
     def is_settled(self, stamp_ns: int) -> bool:
         """Tells whether no image nearer to the stamp can still come: streams are in order."""
         return bool(self._stamps) and self._stamps[-1] >= stamp_ns
 
+    def nearest(self, stamp_ns: int) -> tuple[str, np.ndarray]:
+        """Returns the image nearest in time to a colour image, and its camera frame.
+
+        Raises:
+            ViewError: no image is near enough (`unsynchronised`), or the nearest one could not be
+                decoded (its own reason).
+        """
+        i = min(range(len(self._stamps)), key=lambda j: abs(self._stamps[j] - stamp_ns),
+                default=-1)
+        if i < 0 or abs(self._stamps[i] - stamp_ns) > self._tolerance_ns:
+            seen = f"nearest {(self._stamps[i] - stamp_ns) / 1e6:+.1f} ms" if i >= 0 else "none"
+            raise ViewError("unsynchronised", f"{self._kind} for colour at {stamp_ns} ns: {seen}; "
+                                              f"expected within {self._tolerance_ns / 1e6:.1f} ms")
+        frame, image = self._images[i]
+        if isinstance(image, ViewError):
+            raise image
+        return frame, image
+
     def nearest_image(self, color: np.ndarray, stamp_ns: int, reason: str) -> np.ndarray:
-        """Returns the image nearest in time to a colour image.
+        """Returns the image nearest in time to a colour image, of its size.
 
         Args:
             color: (h, w, 3) colour image.
@@ -52,15 +82,7 @@ class ImageStream:
             ViewError: no image is near enough (`unsynchronised`), the nearest one has another size
                 (`reason`), or could not be decoded (its own reason).
         """
-        i = min(range(len(self._stamps)), key=lambda j: abs(self._stamps[j] - stamp_ns),
-                default=-1)
-        if i < 0 or abs(self._stamps[i] - stamp_ns) > self._tolerance_ns:
-            seen = f"nearest {(self._stamps[i] - stamp_ns) / 1e6:+.1f} ms" if i >= 0 else "none"
-            raise ViewError("unsynchronised", f"{self._kind} for colour at {stamp_ns} ns: {seen}; "
-                                              f"expected within {self._tolerance_ns / 1e6:.1f} ms")
-        image = self._images[i]
-        if isinstance(image, ViewError):
-            raise image
+        _, image = self.nearest(stamp_ns)
         if image.shape != color.shape[:2]:
             raise ViewError(reason, f"{self._kind} of {image.shape[1]}x{image.shape[0]}; expected "
                                     f"{color.shape[1]}x{color.shape[0]} as the colour")

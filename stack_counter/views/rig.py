@@ -17,7 +17,8 @@ from stack_counter import geometry
 from stack_counter.config import CollectorConfig, build_section
 from stack_counter.errors import ConfigError, ViewError
 
-_TOPICS = ("color_topic", "color_transport", "camera_info_topic", "depth_topic", "labels_topic")
+_TOPICS = ("color_topic", "color_transport", "camera_info_topic", "depth_topic",
+           "depth_camera_info_topic", "labels_topic")
 _CAMERA_KEYS = (*_TOPICS, "pose", "frame")
 _TRIGGER = {"tolerance_s": 0.05, "timeout_s": 1.0}
 
@@ -94,7 +95,8 @@ def _read_camera(path: Path, name: str, body: Any, base: CollectorConfig) -> Rig
     if "color_topic" not in body or "camera_info_topic" not in body:
         raise ConfigError(f"{where} has {sorted(body)}; expected color_topic and "
                           "camera_info_topic")
-    values = {f.name: getattr(base, f.name) for f in fields(base)} | {"depth_topic": ""}
+    values = {f.name: getattr(base, f.name) for f in fields(base)}
+    values |= {"depth_topic": "", "depth_camera_info_topic": ""}
     try:
         config = build_section(
             CollectorConfig, values | {k: body[k] for k in _TOPICS if k in body}

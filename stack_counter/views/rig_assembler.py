@@ -9,6 +9,7 @@ from typing import Any
 
 from stack_counter.types import View, ViewTally
 from stack_counter.views.assembler import ViewAssembler
+from stack_counter.views.depth_stream import depth_camera_info_topic
 from stack_counter.views.rig import Rig
 
 
@@ -65,7 +66,7 @@ class RigAssembler:
 
         Returns:
             By topic, for each camera that needs it: its content (`color`, `info`, `depth`,
-            `labels` or `pose`) and the method that takes a message.
+            `depth_info`, `labels` or `pose`) and the method that takes a message.
         """
         handlers: dict[str, list[tuple[str, Callable[[Any], None]]]] = {}
         for camera in self.rig.cameras:
@@ -74,6 +75,7 @@ class RigAssembler:
             wanted = [(c.color_topic + suffix, "color", a.add_color),
                       (c.camera_info_topic, "info", a.add_camera_info),
                       (c.depth_topic, "depth", a.add_depth),
+                      (depth_camera_info_topic(c), "depth_info", a.add_depth_camera_info),
                       (c.labels_topic, "labels", a.add_labels)]
             if c.pose_source == "topic" and camera.T_world_camera is None:
                 wanted.append((c.pose_topic, "pose", a.add_pose))
@@ -86,6 +88,11 @@ class RigAssembler:
         """Returns the colour topics of all cameras."""
         return [topic for topic, handlers in self.topic_handlers().items()
                 if handlers[0][0] == "color"]
+
+    def tf_topics(self) -> list[str]:
+        """Returns the topics of transforms: static ones may say where a depth camera is."""
+        needs_static = self.needs_tf or any(c.config.depth_topic for c in self.rig.cameras)
+        return ["/tf"] * self.needs_tf + ["/tf_static"] * needs_static
 
     @property
     def needs_tf(self) -> bool:
