@@ -112,7 +112,11 @@ class ReconstructorConfig:
     container_kind: str = _setting("auto", "what holds the parts",
                                    choices=("auto", "box", "round", "free", "none"))
     container_inner_size_m: tuple[float, ...] = _setting(
-        (0.0, 0.0, 0.0), "inner x, y and floor-to-rim height, m; zeros: measured", 0.0)
+        (0.0, 0.0, 0.0), "inner x and y at the rim, and floor-to-rim height, m; zeros: measured",
+        0.0)
+    container_floor_size_m: tuple[float, ...] = _setting(
+        (0.0, 0.0), "inner x and y at the floor, from which the draft follows, m; zeros: the "
+                    "draft is measured, or none where the pose is given", 0.0)
     container_wall_m: float = _setting(0.0, "wall thickness, m; 0: measured", 0.0, 0.2)
     container_floor_m: float = _setting(0.0, "floor thickness, m; 0: the wall's", 0.0, 0.2)
     container_pose: str = _setting("found", "where the container's pose comes from",

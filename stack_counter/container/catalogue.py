@@ -22,8 +22,8 @@ _NEW_CATALOGUE = """\
 # Written by `stack-counter container teach NAME BAG`, which keeps your comments.
 containers:
 """
-_TAUGHT_SETTINGS = ("container_kind", "container_inner_size_m", "container_wall_m",
-                    "container_floor_m")
+_TAUGHT_SETTINGS = ("container_kind", "container_inner_size_m", "container_floor_size_m",
+                    "container_wall_m", "container_floor_m")
 
 
 @dataclass(frozen=True)

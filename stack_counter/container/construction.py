@@ -21,9 +21,12 @@ class ConstructionSettings:
 
     Attributes:
         levels: number of outlines of a wall, from the support plane to the rim; chosen.
+        larger_floor: by how much a configured size at the floor may exceed that at a rim that was
+            measured, m; chosen.
     """
 
     levels: int = 17
+    larger_floor: float = 0.002
 
 
 SETTINGS = ConstructionSettings()
@@ -73,11 +76,12 @@ def make_configured_container(config: ReconstructorConfig, region: Region) -> Co
     """Makes the container whose size and pose are both configured.
 
     Args:
-        config: `container_kind`, `container_xyyaw` and `container_*_m`.
+        config: `container_kind`, `container_xyyaw` and `container_*_m`; the walls are vertical
+            where no size at the floor is given.
         region: with the height of the support plane.
 
     Raises:
-        ScanError: no kind with sizes, or a size is 0.
+        ScanError: no kind with sizes, a size is 0, or the floor is larger than the rim.
     """
     size = config.container_inner_size_m
     if not all(size) or config.container_kind == "free":
@@ -88,6 +92,7 @@ def make_configured_container(config: ReconstructorConfig, region: Region) -> Co
     shape: WallShape = BoxWall(np.array([x, y, yaw, size[0] + 2 * wall, size[1] + 2 * wall, 0.0]))
     if config.container_kind == "round":
         shape = RoundWall(np.array([x, y, size[0] / 2 + wall, 0.0, 0.0]))
+    shape = _with_floor_size(shape, wall, size[2], config)
     floor = config.container_floor_m or wall
     return make_container(shape, wall, floor + size[2], floor, region.plane_z)
 
@@ -101,7 +106,11 @@ def make_fitted_container(shape: WallShape, thickness: float, height: float, reg
         thickness: of the wall, metres, measured horizontally.
         height: of the rim above the support plane, metres.
         region: with the height of the support plane.
-        config: `container_inner_size_m` and `container_floor_m`; zeros are measured.
+        config: `container_inner_size_m`, `container_floor_size_m` and `container_floor_m`; zeros
+            are measured.
+
+    Raises:
+        ScanError: the size at the floor is larger than that at the rim, or given for a free form.
     """
     size = config.container_inner_size_m
     # Horizontal size at the rim.
@@ -115,6 +124,7 @@ def make_fitted_container(shape: WallShape, thickness: float, height: float, reg
     if size[2]:
         floor = config.container_floor_m or max(height - size[2], 0.0)
         height = floor + size[2]
+    shape = _with_floor_size(shape, thickness, height - floor, config)
     return make_container(shape, thickness, height, floor, region.plane_z)
 
 
@@ -124,3 +134,35 @@ def _with_outer_size(shape: BoxWall, size: np.ndarray) -> BoxWall:
     if (size[0] > size[1]) != (a > b):
         yaw += np.pi / 2
     return BoxWall(np.array([x, y, yaw, *size, draft]))
+
+
+def _with_floor_size(shape: WallShape, thickness: float, depth: float,
+                     config: ReconstructorConfig) -> WallShape:
+    """The shape whose draft follows from its size at the rim and the configured one at the floor.
+
+    Args:
+        shape: outer face, its rim as it shall be.
+        thickness: of the wall, metres, measured horizontally.
+        depth: from the rim to the inner floor, metres.
+        config: `container_floor_size_m`; zeros leave the shape as it is.
+
+    Raises:
+        ScanError: the floor is larger than the rim, has one side only, or the form is free.
+    """
+    floor = np.array(config.container_floor_size_m)
+    if not floor.any():
+        return shape
+    rim = np.ptp(shape.in_own_frame().ring(0.0, thickness), axis=0)
+    if not config.container_inner_size_m[0] and (floor[0] > floor[1]) != (rim[0] > rim[1]):
+        floor = floor[::-1]  # which side is x is not said: the longer one is the longer one's
+    given = f"container_floor_size_m is {config.container_floor_size_m}"
+    if not isinstance(shape, (BoxWall, RoundWall)):
+        raise ScanError(f"{given} and the container found is of kind {shape.kind}; expected box "
+                        "or round: set container_kind, or teach the container by its CAD file")
+    if not floor.all() or (floor > rim + SETTINGS.larger_floor).any():
+        raise ScanError(f"{given} at a rim of {rim[0]:.3f} x {rim[1]:.3f} m; expected two sides "
+                        "above 0 and no larger than at the rim")
+    drafts = np.maximum(rim - floor, 0.0) / 2 / depth
+    if isinstance(shape, RoundWall):
+        return RoundWall(np.array([*shape.params[:3], drafts[0], -drafts[0]**2]))
+    return BoxWall(np.append(shape.params[:5], drafts[0]), float(drafts[1] - drafts[0]))

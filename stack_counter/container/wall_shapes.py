@@ -73,13 +73,16 @@ def fourier_basis(angle: np.ndarray, orders: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class BoxWall(WallShape):
-    """A rectangle whose walls lean in by the same draft on all sides.
+    """A rectangle whose walls lean in by the same draft on all sides, or by a known one on each.
 
     Attributes:
         params: (6,) centre x, y (m, world), yaw (rad), outer size x, y at the rim (m), and by how
             much the walls come in for each metre down (tangent of the draft).
+        extra_draft_y: by how much more than that the walls at the ends of y come in, m/m; not
+            fitted.
     """
 
+    extra_draft_y: float = 0.0
     kind = "box"
 
     @property
@@ -107,7 +110,10 @@ class BoxWall(WallShape):
 
     @override
     def depth_inside(self, xy: np.ndarray, below: np.ndarray) -> np.ndarray:
-        return self._depth_inside_sides(xy).min(axis=1) - self.params[5] * below
+        at_rim = self._depth_inside_sides(xy)
+        if not self.extra_draft_y:
+            return at_rim.min(axis=1) - self.params[5] * below
+        return (at_rim - below[:, None] * self._drafts().repeat(2)).min(axis=1)
 
     @override
     def outward_normals(self, xy: np.ndarray) -> np.ndarray:
@@ -116,18 +122,22 @@ class BoxWall(WallShape):
 
     @override
     def ring(self, below: float, inwards: float) -> np.ndarray:
-        a, b = np.maximum(self.params[3:5] / 2 - inwards - self.params[5] * below,
+        a, b = np.maximum(self.params[3:5] / 2 - inwards - self._drafts() * below,
                           SETTINGS.narrowest_half_side)
         corners = np.array([[-a, -b], [a, -b], [a, b], [-a, b]])
         return corners @ rotation_2d(self.params[2]).T + self.params[:2]
 
     @override
     def offset_inwards(self, inwards: float) -> BoxWall:
-        return BoxWall(self.params - inwards * np.array([0, 0, 0, 2, 2, 0]))
+        return self.with_params(self.params - inwards * np.array([0, 0, 0, 2, 2, 0]))
 
     @override
     def in_own_frame(self) -> BoxWall:
-        return BoxWall(np.concatenate([np.zeros(3), self.params[3:]]))
+        return self.with_params(np.concatenate([np.zeros(3), self.params[3:]]))
+
+    def _drafts(self) -> np.ndarray:
+        """(2,) drafts of the walls at the ends of x and of y, m/m."""
+        return self.params[5] + np.array([0.0, self.extra_draft_y])
 
 
 @dataclass(frozen=True, eq=False)

@@ -207,8 +207,11 @@ def make_rig_container(config: ReconstructorConfig) -> ContainerShape | None:
             return None
         wall_m = config.container_wall_m or SETTINGS.default_wall_m
         x, y, depth = size
+        floor_size = config.container_floor_size_m if all(config.container_floor_size_m) \
+            else (x, y)
+        slope = max(x - floor_size[0] + y - floor_size[1], 0.0) / 4 / depth
         return _make_container(kind, (x, y, depth), wall_m, config.container_floor_m or wall_m,
-                               draft_rad=0.0)
+                               draft_rad=float(np.arctan(slope)))
     # Taught: inner size at the rim, and the draft by how much smaller it is at the floor
     depth = taught.rim_m - taught.floor_m
     rim = np.ptp(taught.wall_shape.ring(0.0, taught.wall_m), axis=0)

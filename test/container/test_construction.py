@@ -10,7 +10,7 @@ from stack_counter.container.construction import (
     make_fitted_container,
     no_container,
 )
-from stack_counter.container.wall_shapes import BoxWall, RoundWall
+from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region
 
@@ -73,3 +73,55 @@ def test_a_heap_stands_in_the_middle_of_the_region():
     heap = no_container(REGION)
     assert heap.kind == "none" and heap.rings is None and heap.outer_size_m == (0.0, 0.0, 0.0)
     np.testing.assert_allclose(heap.T_world_container[:3, 3], [0.0, 0.1, 0.2])
+
+
+def size_at(container, z):
+    """(2,) inner size at a height above the support plane, m; rings are straight between."""
+    rings = container.rings
+    return np.array([np.interp(z, rings[:, 0, 2], np.ptp(rings[:, :, i], axis=1)) for i in (0, 1)])
+
+
+def test_without_a_size_at_the_floor_the_measured_draft_stays():
+    drafted = BOX.with_params(np.append(BOX.params[:5], 0.1))
+    box = fitted(drafted, container_inner_size_m=(0.18, 0.28, 0.11), container_floor_m=0.01)
+    assert size_at(box, 0.01) == pytest.approx(np.array([0.18, 0.28]) - 2 * 0.11 * 0.1)
+
+
+@pytest.mark.parametrize("draft", [0.0, 0.3])
+def test_size_at_the_floor_and_at_the_rim_give_each_pair_of_walls_its_draft(draft):
+    """Whatever was fitted: 0.28 x 0.18 m at the rim, 0.26 x 0.12 m 0.11 m below it."""
+    shape = BOX.with_params(np.append(BOX.params[:5], draft))
+    box = fitted(shape, container_inner_size_m=(0.28, 0.18, 0.11),
+                 container_floor_size_m=(0.26, 0.12))
+    assert size_at(box, 0.01) == pytest.approx([0.26, 0.12])
+    assert size_at(box, 0.065) == pytest.approx([0.27, 0.15])
+    assert size_at(box, 0.12) == pytest.approx([0.28, 0.18])
+    # Inside the outer face at the floor, 0.135 m from the middle, as far as the face is there.
+    inside = box.wall_shape.depth_inside(np.array([[0.125, 0.0], [0.0, 0.055]]), np.full(2, 0.11))
+    assert inside == pytest.approx([0.01, 0.01])
+
+
+def test_a_size_at_the_floor_alone_belongs_to_the_measured_rim_longer_side_to_longer_side():
+    box = fitted(BOX, container_floor_size_m=(0.25, 0.15))
+    assert size_at(box, WALL) == pytest.approx([0.15, 0.25])
+    assert box.inner_size_m[:2] == pytest.approx((0.19, 0.29))
+
+
+@pytest.mark.parametrize("pose", ["found", "given"])
+def test_a_bucket_becomes_a_cone(pose):
+    settings = {"container_inner_size_m": (0.19, 0.19, 0.1), "container_kind": "round",
+                "container_floor_size_m": (0.15, 0.15), "container_floor_m": 0.01}
+    can = fitted(ROUND, **settings) if pose == "found" else make_configured_container(
+        ReconstructorConfig(container_pose="given", container_wall_m=WALL, **settings), REGION)
+    for z, size in ((0.01, 0.15), (0.06, 0.17), (0.11, 0.19)):
+        assert size_at(can, z) == pytest.approx([size, size], rel=2e-3)
+
+
+@pytest.mark.parametrize("shape, settings, said", [
+    (BOX, {"container_floor_size_m": (0.2, 0.2)}, "no larger than at the rim"),
+    (BOX, {"container_floor_size_m": (0.15, 0.0)}, "expected two sides above 0"),
+    (FreeWall.from_outline(np.zeros(2), np.full(17, 0.1)),
+     {"container_floor_size_m": (0.1, 0.1)}, "set container_kind, or teach the container by its")])
+def test_a_floor_that_does_not_fit_the_rim_is_refused(shape, settings, said):
+    with pytest.raises(ScanError, match=said):
+        fitted(shape, **settings)
