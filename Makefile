@@ -26,8 +26,9 @@ lint: setup
 	$(IN_VENV) .venv/bin/ruff check .
 	$(IN_VENV) .venv/bin/mypy stack_counter
 
+# Two processes of one thread each share the tests.
 test: lint
-	$(IN_VENV) .venv/bin/python -m pytest
+	$(IN_VENV) OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n 2 --dist worksteal
 
 soak: setup
 	$(IN_VENV) PYTHONPATH="test:$$PYTHONPATH" .venv/bin/python test/nodes/soak.py

@@ -77,6 +77,7 @@ EXTRAS = {
         "mypy>=2.4",
         "pytest>=9.2",
         "pytest-timeout>=2.4",
+        "pytest-xdist>=3.8",
         "ruff>=0.17",
         "types-PyYAML>=6.0.12",  # (no key)
     ],

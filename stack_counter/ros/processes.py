@@ -22,6 +22,7 @@ from stack_counter.errors import StackCounterError
 from stack_counter.files import config_path
 
 NODES = ("collector", "reconstructor", "counter")
+PRIVATE_DOMAINS = range(1, 101)  # ROS domains, of which a private one is drawn
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class NodeError(StackCounterError):
 
 def private_environment() -> dict[str, str]:
     """Returns environment variables of a ROS domain that hardly anyone else here uses."""
-    return {"ROS_DOMAIN_ID": str(random.SystemRandom().randrange(1, 101)),
+    return {"ROS_DOMAIN_ID": str(random.SystemRandom().choice(PRIVATE_DOMAINS)),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **shared_memory_environment()}
 
 

@@ -126,10 +126,11 @@ def _plane_distance(origin, directions):
 
 
 def _box_distance(origin, directions, half):
-    with np.errstate(divide="ignore", invalid="ignore"):
-        a, b = (-half - origin) / directions, (half - origin) / directions
-    near = np.nanmax(np.minimum(a, b), axis=-1)
-    far = np.nanmin(np.maximum(a, b), axis=-1)
+    near, far = np.zeros(directions.shape[:-1]), np.full(directions.shape[:-1], np.inf)
+    for o, d, h in zip(origin, np.ascontiguousarray(np.moveaxis(directions, -1, 0)), half):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            a, b = (-h - o) / d, (h - o) / d
+        near, far = np.fmax(near, np.minimum(a, b)), np.fmin(far, np.maximum(a, b))
     return np.where((near <= far) & (near > 0), near, np.inf)
 
 

@@ -25,7 +25,7 @@ from stack_counter.ros.standard_messages import to_camera_info, to_header, to_im
 from stack_counter.types import Intrinsics
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 FRAME = "camera_color_optical_frame"
 
 
@@ -137,7 +137,7 @@ class Harness:
         for process in self.processes:
             process.terminate()
         for process in self.processes:
-            process.wait(10)
+            process.wait(PATIENCE_S)
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown(context=self.context)

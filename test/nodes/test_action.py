@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from action_msgs.msg import GoalStatus
+from kits.harness import PATIENCE_S
 from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile
 from stack_counter_msgs.action import CountStack
@@ -35,7 +36,7 @@ def cell(ros):
     publishers = {t: ros.node.create_publisher(message_type(reader.topics[t][0]), t, qos)
                   for t in subscribed_topics(RigAssembler(load_rig(config))) if t in reader.topics}
     client = ActionClient(ros.node, CountStack, "/stack_counter/count_stack")
-    assert client.wait_for_server(60)
+    assert client.wait_for_server(PATIENCE_S)
     ros.wait_until_collector_receives(*publishers.values())
 
     def play(pause_s=0.1):

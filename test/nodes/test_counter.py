@@ -7,7 +7,7 @@ import sys
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from kits.harness import LATCHED
+from kits.harness import LATCHED, PATIENCE_S
 from stack_counter_msgs.msg import Container, StackCount, StackVolume
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
@@ -51,7 +51,7 @@ def test_count_is_gamma_v_over_v_and_reaches_who_comes_late(ros, counter):
     assert got.count_low <= got.count <= got.count_high
     assert got.estimator == "prior (baseline)" and got.confidence == 0.9
     late = subprocess.run([sys.executable, "-c", LATE], capture_output=True, text=True,
-                          timeout=60, env={**os.environ, **ros.environment}, check=True)
+                          timeout=PATIENCE_S, env={**os.environ, **ros.environment}, check=True)
     assert late.stdout.split() == ["a", str(got.count)]
 
 

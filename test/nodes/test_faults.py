@@ -7,7 +7,7 @@ import signal
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from kits.harness import FRAME, Camera, StandInReconstructor
+from kits.harness import FRAME, PATIENCE_S, Camera, StandInReconstructor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 from stack_counter_msgs.msg import ScanStatus
@@ -194,5 +194,5 @@ def test_a_signal_ends_a_node_cleanly(ros, number):
     ros.wait(lambda: cell.states and cell.states[-1].received == 1, "a view")
     ros.processes.remove(cell.process)
     cell.process.send_signal(number)
-    assert cell.process.wait(20) == 0
+    assert cell.process.wait(PATIENCE_S) == 0
     assert "Traceback" not in ros.log("collector")

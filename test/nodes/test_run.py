@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from kits.harness import LATCHED, Camera
+from kits.harness import LATCHED, PATIENCE_S, Camera
 from stack_counter_msgs.msg import ScanStatus, StackCount
 from stack_counter_msgs.srv import StartScan
 
@@ -63,7 +63,7 @@ def test_a_node_that_is_killed_comes_back_and_its_scan_is_reported_lost(ros, tmp
         scan_id="next")).accepted, "the next scan")
     ros.processes.remove(run)
     run.send_signal(signal.SIGTERM)
-    assert run.wait(30) == 0
+    assert run.wait(PATIENCE_S) == 0
     assert not any(Path(f"/proc/{i}").exists() for i in after.values())
     log.close()
     text = (tmp_path / "run.log").read_text()
