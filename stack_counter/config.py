@@ -58,8 +58,8 @@ class CollectorConfig:
                                "PoseStamped of the optical frame, if pose_source is topic")
     reliable: bool = _setting(True, "ask camera topics for reliable delivery; set false for a "
                                     "driver that publishes best effort")
-    tf_max_gap_s: float = _setting(0.1, "widest gap between TF samples to interpolate in, s",
-                                   0.0, 10.0)
+    tf_max_gap_s: float = _setting(0.1, "widest gap between TF samples that differ, to "
+                                        "interpolate in, s", 0.0, 10.0)
     tf_timeout_s: float = _setting(2.0, "longest wait for the TF after an image, s", 0.0, 60.0)
     sync_tolerance_s: float = _setting(0.005, "stamp difference of images of one view, s",
                                        0.0, 1.0)
@@ -67,7 +67,7 @@ class CollectorConfig:
                                           "m", 0.0, 1.0, runtime=True)
     min_motion_rad: float = _setting(0.02, "or turn this far, rad", 0.0, math.pi, runtime=True)
     min_change: float = _setting(4.0, "grey-level change of some place, a thirtieth of the image "
-                                      "wide, for another view of a fixed camera", 0.0, 255.0,
+                                      "wide, for another view from the same place", 0.0, 255.0,
                                  runtime=True)
     min_sharpness: float = _setting(2.0, "variance of the Laplacian below which an image is "
                                          "blurred, grey levels squared", 0.0, 10000.0,

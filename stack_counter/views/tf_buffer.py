@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Poses at a stamp from recorded or live transforms (TF).
 
-This is not tf2_ros, even where that exists: tf2_ros interpolates across gaps of any width, and
-replay without ROS must find the very same poses as the nodes.
+This is not tf2_ros, even where that exists: tf2_ros interpolates across gaps of any width, here
+only what stands still does without samples, and replay without ROS must find the very same poses
+as the nodes.
 """
 
 from __future__ import annotations
@@ -24,10 +25,14 @@ class TransformBufferSettings:
         clock_jump_ns: a sample older than the newest by more than this is no late one: the clock
             was set back.
         kept_ns: samples older than the newest by more than this are forgotten.
+        still_m, still_rad: two samples that differ by no more, in metres and radians, are of a
+            joint at rest: ten times the steps of a usual encoder, a fifth of an arm's noise.
     """
 
     clock_jump_ns: int = 10**9
     kept_ns: int = 60 * 10**9
+    still_m: float = 1e-4
+    still_rad: float = 1e-4
 
 
 SETTINGS = TransformBufferSettings()
@@ -125,9 +130,18 @@ class TransformBuffer:
         ups, downs = self._ancestors(source), self._ancestors(target)
         common = next((name for name in ups if name in downs), None)
         if common is None:
-            raise ViewError("no_tf", f"no transforms connect '{target}' and '{source}'; known "
-                                     f"frames: {sorted(self._edges) or 'none'}")
+            raise ViewError("no_tf", f"no transforms connect '{target}' and '{source}'; "
+                                     f"{self._advice(target, source, ups[-1])}")
         return ups[:ups.index(common)], downs[:downs.index(common)]
+
+    def _advice(self, target: str, source: str, root: str) -> str:
+        """Says which frames there are, and what would connect the two."""
+        frames = set(self._edges) | {edge.parent for edge in self._edges.values()}
+        known = f"known frames: {sorted(frames) or 'none'}"
+        if source not in frames:
+            return f"no transform names '{source}'; {known}"
+        return f"'{source}' hangs below '{root}': set world_frame to '{root}' if its z axis " \
+               f"points up, or publish a transform between it and '{target}'; {known}"
 
     def _ancestors(self, name: str) -> list[str]:
         chain = [name]
@@ -146,12 +160,32 @@ class TransformBuffer:
         i = bisect.bisect_left(edge.stamps, stamp_ns)
         if i < len(edge.stamps) and edge.stamps[i] == stamp_ns:
             return edge.poses[i]
-        before = stamp_ns - edge.stamps[i - 1] if i else None
-        after = edge.stamps[i] - stamp_ns if i < len(edge.stamps) else None
-        if before is None or after is None or before + after > self._max_gap_ns:
-            sides = [f"{x / 1e6:.1f} ms" if x is not None else "nothing" for x in (before, after)]
-            raise ViewError("no_tf", f"'{name}' in '{edge.parent}' has {sides[0]} before and "
-                                     f"{sides[1]} after the image; expected samples at most "
-                                     f"{self._max_gap_ns / 1e6:.0f} ms apart")
+        if i == 0 or i == len(edge.stamps) or not self._spans_gap(edge, i):
+            raise self._gap_error(name, stamp_ns)
+        gap_ns = edge.stamps[i] - edge.stamps[i - 1]
         return geometry.interpolate_pose(edge.poses[i - 1], edge.poses[i],
-                                         before / (before + after))
+                                         (stamp_ns - edge.stamps[i - 1]) / gap_ns)
+
+    def _spans_gap(self, edge: TransformSamples, i: int) -> bool:
+        """Tells whether poses between sample i - 1 and sample i follow from the two."""
+        return edge.stamps[i] - edge.stamps[i - 1] <= self._max_gap_ns \
+            or is_still(edge.poses[i - 1], edge.poses[i])
+
+    def _gap_error(self, name: str, stamp_ns: int) -> ViewError:
+        """The error of an image without samples close enough around it."""
+        edge = self._edges[name]
+        i = bisect.bisect_left(edge.stamps, stamp_ns)
+        before = f"{(stamp_ns - edge.stamps[i - 1]) / 1e6:.1f} ms" if i else "nothing"
+        after = f"{(edge.stamps[i] - stamp_ns) / 1e6:.1f} ms" if i < len(edge.stamps) \
+            else "nothing"
+        return ViewError("no_tf", f"'{name}' in '{edge.parent}' has {before} before and {after} "
+                                  f"after the image; expected samples at most "
+                                  f"{self._max_gap_ns / 1e6:.0f} ms apart (tf_max_gap_s), or "
+                                  "equal ones")
+
+
+def is_still(T_a: np.ndarray, T_b: np.ndarray) -> bool:
+    """Tells whether two (4, 4) poses are equal but for an encoder's last digits."""
+    turn = np.linalg.norm(T_a[:3, :3] - T_b[:3, :3]) / np.sqrt(2)  # of small angles, radians
+    return bool(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3]) <= SETTINGS.still_m
+                and turn <= SETTINGS.still_rad)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -12,48 +11,48 @@ import numpy as np
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import ViewError
 from stack_counter.types import View
+from stack_counter.views.scene_change import (
+    PoseChange,
+    Thumbnail,
+    depth_change,
+    make_thumbnail,
+    picture_change,
+    pose_change,
+)
 
 
 @dataclass(frozen=True)
 class ViewGateSettings:
-    """How two images of a fixed camera are compared; chosen.
+    """Which place is the same, and when depth shows something new where the picture does not.
 
     Attributes:
-        thumbnail_px: width and height at which images are compared, pixels: parts still show,
-            noise does not.
-        patch_px: size of the window over which a change is averaged, pixels of the thumbnail:
-            one part that is taken away fills it.
+        same_place_m: a camera that stands, or was brought back, is at most so far from where it
+            was, as its pose says, metres: three times an arm's noise; chosen.
+        same_place_rad: and turned by at most so much, radians; chosen.
+        min_depth_change_per_m: change of depth of some place over the depth squared, 1/m: 3 mm at
+            0.5 m; six times what noise alone makes of it, see `SceneChangeSettings`.
     """
 
-    thumbnail_px: tuple[int, int] = (160, 120)
-    patch_px: tuple[int, int] = (5, 5)
+    same_place_m: float = 0.002
+    same_place_rad: float = 0.004
+    min_depth_change_per_m: float = 0.012
 
 
 SETTINGS = ViewGateSettings()
 
 
-class PoseChange(NamedTuple):
-    """Difference of two poses: distance in metres, angle in radians."""
-
-    distance: float
-    angle: float
-
-
-def pose_change(T_a: np.ndarray, T_b: np.ndarray) -> PoseChange:
-    """The distance and the angle between two poses, (4, 4) each."""
-    cosine = (np.trace(T_a[:3, :3].T @ T_b[:3, :3]) - 1) / 2
-    return PoseChange(distance=float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3])),
-                      angle=float(np.arccos(np.clip(cosine, -1, 1))))
-
-
 class ViewGate:
-    """Accepts views that are sharp and show something new since the last one accepted."""
+    """Accepts views that are sharp and show something new since the last one accepted.
+
+    A view from another place is new. At the same place, picture or depth must have changed by
+    more than the camera's small motion explains. In between a moving camera is on its way to the
+    next view of a scan; a scan that never ends takes such a view like one from the same place.
+    """
 
     def __init__(self, config: CollectorConfig):
         """Accepts the first sharp view. `config`: `min_*` settings."""
         self._config = config
-        self._last_pose: np.ndarray | None = None
-        self._last_thumbnail: np.ndarray | None = None
+        self._last: Thumbnail | None = None
 
     def apply_limits(self, config: CollectorConfig) -> None:
         """Replaces the limits; they hold from the next view on."""
@@ -71,24 +70,30 @@ class ViewGate:
         if sharpness < self._config.min_sharpness:
             raise ViewError("blurred", f"variance of the Laplacian {sharpness:.2f}; expected at "
                                        f"least {self._config.min_sharpness}")
-        # A fixed camera must see a change, a moving one must have moved.
-        thumbnail = cv2.resize(grey, SETTINGS.thumbnail_px,
-                               interpolation=cv2.INTER_AREA).astype(np.float32)
-        if self._last_thumbnail is not None and view.fixed:
-            change = cv2.blur(np.abs(thumbnail - self._last_thumbnail), SETTINGS.patch_px)
-            self._check_change(float(change.max()))
-        elif self._last_pose is not None:
-            self._check_motion(*pose_change(self._last_pose, view.T_world_camera))
-        self._last_pose, self._last_thumbnail = view.T_world_camera, thumbnail
+        # The camera must have moved, or see a change.
+        thumbnail = make_thumbnail(view, grey)
+        if self._last is not None:
+            motion = PoseChange(0.0, 0.0) if view.fixed else pose_change(
+                self._last.T_world_camera, view.T_world_camera)
+            self._check_news(self._last, thumbnail, motion)
+        self._last = thumbnail
 
-    def _check_change(self, change: float) -> None:
-        if change < self._config.min_change:
-            raise ViewError("duplicate", f"largest grey-level change {change:.2f} of a fixed "
-                                         f"camera; expected at least {self._config.min_change}")
-
-    def _check_motion(self, metres: float, radians: float) -> None:
+    def _check_news(self, last: Thumbnail, thumbnail: Thumbnail, motion: PoseChange) -> None:
+        """Refuses a duplicate of the last view."""
         c = self._config
-        if metres < c.min_motion_m and radians < c.min_motion_rad:
-            raise ViewError("duplicate", f"moved {metres:.4f} m and {radians:.4f} rad since the "
-                                         f"last view; expected {c.min_motion_m} or "
-                                         f"{c.min_motion_rad}")
+        if motion.distance >= c.min_motion_m or motion.angle >= c.min_motion_rad:
+            return
+        seen = (f"moved {motion.distance:.4f} m and {motion.angle:.4f} rad since the last view; "
+                f"expected {c.min_motion_m} or {c.min_motion_rad}")
+        same_place = (motion.distance <= SETTINGS.same_place_m
+                      and motion.angle <= SETTINGS.same_place_rad)
+        if not same_place and c.mode != "continuous":
+            raise ViewError("duplicate", seen)
+        picture = picture_change(last, thumbnail, motion)
+        if picture >= c.min_change:
+            return
+        depth = depth_change(last, thumbnail, motion)
+        if depth < SETTINGS.min_depth_change_per_m:
+            raise ViewError("duplicate", f"{seen}, or a change: {picture:.2f} of {c.min_change} "
+                                         f"grey levels, {depth:.4f} of "
+                                         f"{SETTINGS.min_depth_change_per_m} / m of depth")

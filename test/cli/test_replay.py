@@ -119,6 +119,11 @@ def test_bags_that_lack_a_topic_say_which(tmp_path, capsys):
     assert code == 3 and "'no_tf': 6" in err and "no transforms connect" in err
 
 
+def test_a_world_frame_of_another_name_is_advised(tmp_path, capsys):
+    code, _, err = run(capsys, "replay", bag(tmp_path, world_frame="world"), *UNIT, "--direct")
+    assert code == 3 and "set world_frame to 'world'" in err
+
+
 def test_loop_in_tf(tmp_path, capsys):
     loop = [(10**9 * i, a, b, np.eye(4)) for i in range(1, 7)
             for a, b in (("base_link", FRAME), (FRAME, "base_link"))]

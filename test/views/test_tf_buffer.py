@@ -58,6 +58,38 @@ def test_a_gap_of_exactly_the_limit_is_bridged_and_one_more_nanosecond_is_not():
     assert "50.0 ms before" in text and "at most 100 ms" in text
 
 
+@pytest.mark.parametrize("metres, radians, bridged", [
+    (0.0, 0.0, True), (0.9e-4, 0.0, True), (1.1e-4, 0.0, False),
+    (0.0, 0.9e-4, True), (0.0, 1.1e-4, False)])
+def test_a_gap_of_any_width_between_equal_poses_is_bridged(metres, radians, bridged):
+    a = random_pose()
+    b = a @ geometry.pose(Rotation.from_rotvec([0, radians, 0]).as_matrix(),
+                          np.array([0, 0, metres]))
+    buffer = buffer_of((0, a), (20_000 * MS, b))
+    if bridged:
+        assert buffer.lookup("base", "tool", 7_000 * MS)[0] == pytest.approx(a, abs=1e-4)
+    else:
+        text = refused(buffer, "base", "tool", 7_000 * MS, "no_tf")
+        assert "7000.0 ms before and 13000.0 ms after" in text and "tf_max_gap_s" in text
+
+
+def test_one_joint_that_stands_does_not_bridge_the_gap_of_one_that_moves():
+    buffer = buffer_of((0, random_pose()), (110 * MS, random_pose()))
+    for stamp in (0, 110 * MS):
+        buffer.add_transform(stamp, "world", "base", np.eye(4))
+    assert "'tool' in 'base'" in refused(buffer, "world", "tool", 50 * MS, "no_tf")
+
+
+def test_ten_hertz_joint_states_of_a_standing_arm_lose_no_view():
+    """Their stamps jitter by some milliseconds, so that every other gap is above 100 ms."""
+    stamps = [int(i * 100 * MS + jitter) for i, jitter in
+              enumerate(RANDOM.integers(-8 * MS, 8 * MS, 30))]
+    buffer = buffer_of(*((stamp, np.eye(4)) for stamp in stamps))
+    assert max(np.diff(stamps)) > 100 * MS
+    for stamp in range(200 * MS, 2700 * MS, 33 * MS):
+        assert buffer.lookup("base", "tool", stamp)[0] == pytest.approx(np.eye(4))
+
+
 def test_a_sample_at_the_stamp_needs_no_neighbour():
     T = random_pose()
     assert buffer_of((5, T)).lookup("base", "tool", 5)[0] == pytest.approx(T)
@@ -121,7 +153,23 @@ def test_frames_that_are_not_connected_are_named_with_those_known():
     buffer, _ = tree()
     text = refused(buffer, "map", "camera", 20 * MS, "no_tf")
     assert "'map'" in text and "'camera'" in text and "'bin'" in text
+    assert "known frames: ['arm', 'base', 'bin', 'camera', 'world']" in text  # the root too
+    assert "set world_frame to 'world'" in text  # which would have worked
     assert "none" in refused(TransformBuffer(0.1), "a", "b", 0, "no_tf")
+
+
+def test_a_camera_that_no_transform_names_gets_no_world_frame_advised():
+    buffer, _ = tree()
+    text = refused(buffer, "base", "camera2", 20 * MS, "no_tf")
+    assert "no transform names 'camera2'" in text and "world_frame" not in text
+
+
+def test_trees_that_are_apart_are_named_by_the_root_of_the_camera():
+    buffer, _ = tree()
+    buffer.add_transform(0, "table", "station", np.eye(4), static=True)
+    text = refused(buffer, "station", "camera", 20 * MS, "no_tf")
+    assert "set world_frame to 'world'" in text
+    assert "a transform between it and 'station'" in text
 
 
 @pytest.mark.parametrize("names", ["a", "ab", "abc"])

@@ -7,7 +7,7 @@ import pytest
 from stack_counter import geometry
 from stack_counter.sim.camera.depth_camera import DepthCamera, perturb_pose
 from stack_counter.types import Intrinsics
-from stack_counter.views.view_gate import pose_change
+from stack_counter.views.scene_change import pose_change
 
 
 @pytest.mark.parametrize("z", [0.4, 0.6, 0.9])
