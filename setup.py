@@ -71,6 +71,8 @@ EXTRAS = {
     ],
     # SAM 2, DINOv2 and Depth Anything V2; the weights are the user's own.
     "models": ["transformers>=5.24; python_version >= '3.11'"],
+    # URDF of a robot that is left out of depth (no key).
+    "robot": ["yourdfpy>=0.0.60"],
     # STEP files of parts (no key).
     "cad": ["cascadio>=0.1.1"],
     "test": [

@@ -56,6 +56,9 @@ class CollectorConfig:
     pose_source: str = _setting("tf", "where poses come from", choices=("tf", "topic"))
     pose_topic: str = _setting("/camera/pose",
                                "PoseStamped of the optical frame, if pose_source is topic")
+    robot_description_file: str = _setting(
+        "", "URDF of a robot that is left out of depth wherever it is in sight; empty: none")
+    joint_states_topic: str = _setting("/joint_states", "JointState of that robot")
     reliable: bool = _setting(True, "ask camera topics for reliable delivery; set false for a "
                                     "driver that publishes best effort")
     tf_max_gap_s: float = _setting(0.1, "widest gap between TF samples that differ, to "

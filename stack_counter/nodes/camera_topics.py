@@ -9,7 +9,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from tf2_msgs.msg import TFMessage
 
 from stack_counter.ros.diagnostics import WARN, Rate
@@ -20,7 +20,7 @@ from stack_counter.views.rig_assembler import RigAssembler
 
 _SILENT_AFTER_S = 2.0  # an operator should look
 _SENSOR_DEPTH, _TF_DEPTH, _STATIC_TF_DEPTH = 30, 1000, 100
-_TAKEN_BETWEEN_SCANS = ("info", "depth_info", "pose")
+_TAKEN_BETWEEN_SCANS = ("info", "depth_info", "pose", "joints")
 _OPTIONAL = ("depth_info",)  # aligned depth needs none of its own
 
 
@@ -80,10 +80,11 @@ class CameraTopics:
         for topic, handlers in self._assembler.topic_handlers().items():
             content = handlers[0][0]
             kinds = {"color": CompressedImage if topic.endswith("/compressed") else Image,
-                     "info": CameraInfo, "depth_info": CameraInfo, "pose": PoseStamped}
+                     "info": CameraInfo, "depth_info": CameraInfo, "pose": PoseStamped,
+                     "joints": JointState}
             subscription = self._node.subscribe(
                 kinds.get(content, Image), topic, self._handler_of(topic, handlers),
-                RELIABLE if content == "pose" else sensor)
+                {"pose": RELIABLE, "joints": QoSProfile(depth=_TF_DEPTH)}.get(content, sensor))
             if content not in _OPTIONAL:
                 self._inputs.append(subscription)
 
@@ -104,7 +105,7 @@ class CameraTopics:
 
         def handle(message: Any) -> None:
             rate.tick(self._age_s(message.header))
-            self.message_since_tick = True
+            self.message_since_tick |= content != "joints"
             if self._is_taking() or content in _TAKEN_BETWEEN_SCANS:
                 for _, add in handlers:
                     add(message)

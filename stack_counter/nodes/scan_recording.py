@@ -10,7 +10,7 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from tf2_msgs.msg import TFMessage
 
 from stack_counter import __version__
@@ -21,7 +21,7 @@ from stack_counter.types import View
 from stack_counter.views import decoding
 
 _RECORDED_TYPES = {kind: f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
-          for kind in (CameraInfo, CompressedImage, Image, PoseStamped, TFMessage)}
+          for kind in (CameraInfo, CompressedImage, Image, JointState, PoseStamped, TFMessage)}
 
 
 class ScanRecording:

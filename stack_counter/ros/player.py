@@ -84,7 +84,7 @@ class Player(Node):
         self.volume = StackVolume()
         self.counts: list[StackCount] = []
         self._record_publishers: dict[str, Publisher] = {
-            topic: self.create_publisher(message_type(kind), topic, _record_qos(topic))
+            topic: self.create_publisher(message_type(kind), topic, _record_qos(topic, kind))
             for topic, kind in topics.items()}
         self.create_subscription(ScanStatus, "scan_status", self._on_status, QoSProfile(depth=500))
         self.create_subscription(StackVolume, "volume", self._on_volume, LATCHED_ALL)
@@ -260,11 +260,11 @@ class Player(Node):
         return len(self._color_topics)
 
 
-def _record_qos(topic: str) -> QoSProfile:
-    """Returns the profile that a recorded topic is played with."""
+def _record_qos(topic: str, kind: str) -> QoSProfile:
+    """Returns the profile that a recorded topic of a type is played with."""
     if topic == "/tf_static":
         return LATCHED_ALL
-    return QoSProfile(depth=1000 if topic == "/tf" else 50)
+    return QoSProfile(depth=50 if kind.endswith(("Image", "CameraInfo")) else 1000)
 
 
 def message_type(name: str) -> type:

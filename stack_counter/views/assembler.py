@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter, deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from stack_counter.types import View, ViewTally
 from stack_counter.views import decoding
 from stack_counter.views.depth_stream import DepthStream
 from stack_counter.views.image_stream import MAX_QUEUED_MESSAGES, Calibrations, ImageStream
+from stack_counter.views.robot import Robot
 from stack_counter.views.tf_buffer import TransformBuffer
 from stack_counter.views.view_gate import ViewGate
 
@@ -73,7 +74,8 @@ class ViewAssembler:
     """
 
     def __init__(self, config: CollectorConfig, live: bool = True,
-                 T_world_camera: np.ndarray | None = None, frame: str = ""):
+                 T_world_camera: np.ndarray | None = None, frame: str = "",
+                 robot: Robot | None = None):
         """Makes an assembler without images.
 
         Args:
@@ -82,7 +84,9 @@ class ViewAssembler:
                 without ROS has nothing to wait for; there, nothing may depend on the clock.
             T_world_camera: (4, 4) pose of a fixed camera; None: it comes from TF or a topic.
             frame: name of the camera's frame in TF; empty: the one that its images name.
+            robot: is left out of the depth; None: there is none in sight.
         """
+        self._robot = robot if config.depth_topic else None
         self._T_world_camera, self._tf_frame = T_world_camera, frame
         self._config = config
         self._live = live
@@ -236,7 +240,8 @@ class ViewAssembler:
                 and (not self._config.depth_topic or self._depths.is_settled(
                     head.stamp_ns, head.frame, intrinsics, patient))
                 and (not self._config.labels_topic or self._labels.is_settled(head.stamp_ns))
-                and self._has_pose(head))
+                and self._has_pose(head)
+                and (not self._robot or self._robot.is_ready(head.stamp_ns, self._transforms)))
 
     def _has_pose(self, head: WaitingImage) -> bool:
         return self._T_world_camera is not None or self._transforms.is_ready(
@@ -254,26 +259,23 @@ class ViewAssembler:
             ViewError: the image is skipped: it lacks a calibration, its partners or its pose, does
                 not fit them, is blurred, or shows nothing new.
         """
-        intrinsics = self._calibrations.calibration_at(head.stamp_ns)
-        if intrinsics is None:
-            raise ViewError("no_camera_info", f"no message on {self._config.camera_info_topic}; "
-                                              "expected a calibration")
-        geometry.check_intrinsics(intrinsics)
-        size = (intrinsics.height, intrinsics.width)
-        if head.color.shape[:2] != size:
-            raise ViewError("size_mismatch", f"image of {head.color.shape[1]}x"
-                                             f"{head.color.shape[0]}; expected {size[1]}x{size[0]}"
-                                             " as in camera_info")
+        intrinsics = self._calibrations.calibration_of(head.color, head.stamp_ns,
+                                                       self._config.camera_info_topic)
         labels = None
         if self._config.labels_topic:
             labels = self._labels.nearest_image(head.color, head.stamp_ns, "bad_labels")
         T, fixed = self._find_pose(head)
         view = View(head.stamp_ns, intrinsics, geometry.canonical_pose(T), head.color, None,
                     labels, head.frame, fixed)
-        if self._config.depth_topic:
-            view = self._depths.add_depth_to(view)
-        self._gate.check(view)
-        return view
+        if not self._config.depth_topic:
+            self._gate.check(view)
+            return view
+        # What costs time is done for views that are kept.
+        depth = self._depths.find(view)
+        posture = self._robot.posture_at(head.stamp_ns, self._transforms) if self._robot else None
+        self._gate.check(replace(view, depth=depth.image))
+        view = depth.added_to(view)
+        return self._robot.leave_out_of(view, posture) if self._robot and posture else view
 
     def _find_pose(self, head: WaitingImage) -> tuple[np.ndarray, bool]:
         if self._T_world_camera is not None:

@@ -52,6 +52,41 @@ def depth_camera_info_topic(config: CollectorConfig) -> str:
         f"{config.depth_topic.rpartition('/')[0]}/camera_info"
 
 
+@dataclass(frozen=True, eq=False)
+class FoundDepth:
+    """A depth image that belongs to a view.
+
+    Attributes:
+        image: (h, w) float32 metres along its own camera's optical z, 0 where invalid.
+        intrinsics: calibration of that camera.
+        T_color_depth: (4, 4) where that camera is beside the view's; None for aligned depth.
+    """
+
+    image: np.ndarray
+    intrinsics: Intrinsics
+    T_color_depth: np.ndarray | None
+
+    def added_to(self, view: View) -> View:
+        """The view with this depth; where that has to be registered, the view is rectified.
+
+        Raises:
+            ViewError: the two cameras see nothing in common (`empty_depth`), or a calibration
+                cannot be one (`bad_intrinsics`).
+        """
+        if self.T_color_depth is None:
+            return replace(view, depth=self.image)
+        own = geometry.rectify(replace(view, intrinsics=self.intrinsics, depth=self.image,
+                                       color=None, labels=None))
+        view = geometry.rectify(view)
+        registered = register_depth(np.asarray(own.depth), own.intrinsics, view.intrinsics,
+                                    self.T_color_depth)
+        if not registered.any():
+            raise ViewError("empty_depth", "nothing that the depth camera sees is in the image of "
+                                           f"'{view.camera}'; expected some: check the transform "
+                                           "between them")
+        return replace(view, depth=registered)
+
+
 class DepthStream:
     """Matches depth with colour images by stamp, and brings it into their pixels."""
 
@@ -117,17 +152,16 @@ class DepthStream:
         return not elsewhere or own is None or _have_same_pixels(own, intrinsics) \
             or self._transforms.is_ready(self._color_frame(frame), depth_frame, stamp_ns)
 
-    def add_depth_to(self, view: View) -> View:
-        """The view with its depth; where that had to be registered, the view is rectified.
+    def find(self, view: View) -> FoundDepth:
+        """The depth of a view.
 
         Args:
             view: with colour; `camera` is the frame that its image names.
 
         Raises:
-            ViewError: no depth image is near enough (`unsynchronised`), it could not be decoded or
-                shows nothing of the image (`empty_depth`), its size is not that of its calibration
-                (`bad_depth`), it is another camera's whose calibration or place is unknown
-                (`depth_not_aligned`), or its calibration cannot be one (`bad_intrinsics`).
+            ViewError: no depth image is near enough (`unsynchronised`) or it could not be decoded,
+                its size is not that of its calibration (`bad_depth`), or it is another camera's
+                whose calibration or place is unknown (`depth_not_aligned`).
         """
         depth_frame, depth = self._images.nearest(view.stamp_ns)
         elsewhere = self._is_elsewhere(depth_frame, view.camera)
@@ -141,17 +175,8 @@ class DepthStream:
                                          f"{'its calibration' if own else 'the colour'}")
         same_pixels = _have_same_pixels(k, view.intrinsics)
         T = self._pose_beside_color(depth_frame, view, same_pixels) if elsewhere else np.eye(4)
-        if same_pixels and np.allclose(T, np.eye(4), atol=SETTINGS.same_pose):
-            return replace(view, depth=depth)
-        own_view = geometry.rectify(View(view.stamp_ns, k, np.eye(4), depth=depth))
-        view = geometry.rectify(view)
-        registered = register_depth(np.asarray(own_view.depth), own_view.intrinsics,
-                                    view.intrinsics, T)
-        if not registered.any():
-            raise ViewError("empty_depth", f"no depth of '{depth_frame}' falls into the colour "
-                                           f"image of '{view.camera}'; expected some: check the "
-                                           "transform between them")
-        return replace(view, depth=registered)
+        aligned = same_pixels and np.allclose(T, np.eye(4), atol=SETTINGS.same_pose)
+        return FoundDepth(depth, k, None if aligned else T)
 
     @property
     def _is_info_named(self) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from stack_counter import geometry
 from stack_counter.errors import ViewError
 from stack_counter.types import Intrinsics
 from stack_counter.views import decoding
@@ -133,6 +134,23 @@ class Calibrations:
         limit = stamp_ns + self._tolerance_ns
         first = self._changes[0][1] if self._changes else None
         return next((k for t, k in reversed(self._changes) if t <= limit), first)
+
+    def calibration_of(self, color: np.ndarray, stamp_ns: int, topic: str) -> Intrinsics:
+        """Returns the calibration of an (h, w, 3) colour image; `topic` names it in errors.
+
+        Raises:
+            ViewError: there is none (`no_camera_info`), it cannot be one (`bad_intrinsics`) or is
+                of another size (`size_mismatch`).
+        """
+        intrinsics = self.calibration_at(stamp_ns)
+        if intrinsics is None:
+            raise ViewError("no_camera_info", f"no message on {topic}; expected a calibration")
+        geometry.check_intrinsics(intrinsics)
+        width, height = intrinsics.width, intrinsics.height
+        if color.shape[:2] != (height, width):
+            raise ViewError("size_mismatch", f"image of {color.shape[1]}x{color.shape[0]}; "
+                                             f"expected {width}x{height} as in camera_info")
+        return intrinsics
 
     def restart(self) -> None:
         """Keeps the last calibration from now on, since the clock was set back."""

@@ -11,6 +11,7 @@ from stack_counter.types import View, ViewTally
 from stack_counter.views.assembler import ViewAssembler
 from stack_counter.views.depth_stream import depth_camera_info_topic
 from stack_counter.views.rig import Rig
+from stack_counter.views.robot import Robot
 
 
 class RigAssembler:
@@ -27,9 +28,15 @@ class RigAssembler:
         Args:
             rig: the cameras.
             live: messages that stay away are given up after a time; see `ViewAssembler`.
+
+        Raises:
+            ConfigError: the URDF that the settings name cannot be used.
         """
         self.rig = rig
-        self.assemblers = {c.name: ViewAssembler(c.config, live, c.T_world_camera, c.frame)
+        config = rig.cameras[0].config  # all have the same robot
+        self._robot = Robot(config) if config.robot_description_file else None
+        self.assemblers = {c.name: ViewAssembler(c.config, live, c.T_world_camera, c.frame,
+                                                 self._robot)
                    for c in rig.cameras}
 
     def start(self) -> None:
@@ -66,7 +73,7 @@ class RigAssembler:
 
         Returns:
             By topic, for each camera that needs it: its content (`color`, `info`, `depth`,
-            `depth_info`, `labels` or `pose`) and the method that takes a message.
+            `depth_info`, `labels`, `pose` or `joints`) and the method that takes a message.
         """
         handlers: dict[str, list[tuple[str, Callable[[Any], None]]]] = {}
         for camera in self.rig.cameras:
@@ -82,6 +89,9 @@ class RigAssembler:
             for topic, content, handler in wanted:
                 if topic:
                     handlers.setdefault(topic, []).append((content, handler))
+        if self._robot is not None:
+            topic = self.rig.cameras[0].config.joint_states_topic
+            handlers[topic] = [("joints", self._robot.joints.add_message)]
         return handlers
 
     def color_topics(self) -> list[str]:
@@ -96,9 +106,9 @@ class RigAssembler:
 
     @property
     def needs_tf(self) -> bool:
-        """Whether the pose of some camera comes from TF."""
-        return any(c.T_world_camera is None and c.config.pose_source == "tf"
-                   for c in self.rig.cameras)
+        """Whether the pose of some camera, or of the robot, comes from TF."""
+        return self._robot is not None or any(
+            c.T_world_camera is None and c.config.pose_source == "tf" for c in self.rig.cameras)
 
     def poll(self) -> list[tuple[str, View]]:
         """Returns the views that are complete now, with their cameras' names."""

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which pixels of a depth image show the robot: its URDF, rendered at its joints' positions."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from stack_counter import geometry
+from stack_counter.errors import ConfigError
+from stack_counter.types import View
+
+_DRIVEN = ("revolute", "continuous", "prismatic", "fixed")
+
+
+@dataclass(frozen=True)
+class RobotMaskSettings:
+    """What counts as robot around its model; chosen.
+
+    Attributes:
+        margin_m: by so much the robot is taken to be larger than its model, metres: a hand-eye
+            calibration's error at arm's length, the noise of the depth, and cables.
+        nearest_m: nearest distance along z at which the robot is looked for, metres: what is
+            nearer is the camera's own housing.
+    """
+
+    margin_m: float = 0.02
+    nearest_m: float = 0.05
+
+
+SETTINGS = RobotMaskSettings()
+
+
+class RobotMask:
+    """The model of a robot.
+
+    Attributes:
+        base_link: name of the link that all others hang on.
+        joint_names: joints whose positions say where the links are.
+    """
+
+    def __init__(self, urdf: Path):
+        """Reads the model. Links are their collision geometry, or where they have none, visual.
+
+        Args:
+            urdf: URDF file; meshes lie relative to it, or in packages that are beside it or that
+                AMENT_PREFIX_PATH names.
+
+        Raises:
+            ConfigError: no such file, no URDF, or a mesh or joint that cannot be used.
+        """
+        self._model = _read_urdf(urdf)
+        self.base_link = str(self._model.base_link)
+        self.joint_names = tuple(self._model.actuated_joint_names)
+        graph = self._model.scene.graph
+        self._solids = [(node, self._model.scene.geometry[graph[node][1]])
+                        for node in graph.nodes_geometry]
+        if not self._solids:
+            raise ConfigError(f"{urdf} has no geometry; expected links with collision or visual")
+
+    def has_link(self, name: str) -> bool:
+        """Whether the robot has a link of this name."""
+        return name in self._model.link_map
+
+    def link_pose(self, name: str, positions: Mapping[str, float]) -> np.ndarray:
+        """(4, 4) T_base_link of a link at these joint positions, rad or m."""
+        self._model.update_cfg(dict(positions))
+        return self._model.get_transform(name)
+
+    def depth_without_robot(self, view: View, T_world_base: np.ndarray,
+                            positions: Mapping[str, float]) -> np.ndarray:
+        """The depth of a view where it shows something else than the robot.
+
+        Args:
+            view: pinhole view with depth.
+            T_world_base: (4, 4) pose of `base_link`.
+            positions: of all joints, rad or m.
+
+        Returns:
+            (h, w) float32 metres, 0 where the robot is, or where it hides what was measured.
+        """
+        depth = np.asarray(view.depth)
+        robot = self._render(view, T_world_base, positions)
+        robot = _grown(robot, view.intrinsics.fx)
+        return np.where(depth > robot - SETTINGS.margin_m, np.float32(0), depth)
+
+    def _render(self, view: View, T_world_base: np.ndarray, positions: Mapping[str, float]
+                ) -> np.ndarray:
+        """(h, w) float32 depth of the robot alone, metres, infinite where it is not."""
+        import open3d as o3d  # slow to load, and only needed here
+
+        self._model.update_cfg(dict(positions))
+        T_camera_base = geometry.inverse(view.T_world_camera) @ T_world_base
+        scene = o3d.t.geometry.RaycastingScene()
+        for node, solid in self._solids:
+            T = T_camera_base @ self._model.scene.graph[node][0]
+            scene.add_triangles(geometry.apply(T, solid.vertices).astype(np.float32),
+                                solid.faces.astype(np.uint32))
+        rays = geometry.pixel_rays(view.intrinsics)
+        hits = scene.cast_rays(np.concatenate([rays * np.float32(SETTINGS.nearest_m), rays], -1))
+        return hits["t_hit"].numpy() + np.float32(SETTINGS.nearest_m)
+
+
+def _grown(robot: np.ndarray, focal_px: float) -> np.ndarray:
+    """A rendered depth image, (h, w) float32 metres, with everything larger by the margin."""
+    grown = robot.copy()
+    seen = robot[np.isfinite(robot)]
+    # The margin is wider in pixels the nearer it is: by bands of distance.
+    low = seen.min(initial=np.inf)
+    while low <= seen.max(initial=0):
+        band = np.where((robot >= low) & (robot < 2 * low), robot, np.float32(np.inf))
+        reach = int(np.ceil(SETTINGS.margin_m * focal_px / low))
+        window = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+        grown = np.minimum(grown, cv2.erode(band, window))
+        low *= 2
+    return grown
+
+
+def _read_urdf(path: Path) -> Any:
+    """The model of a URDF file with the meshes of its links.
+
+    Raises:
+        ConfigError: see `RobotMask`.
+    """
+    try:
+        import yourdfpy
+    except ImportError as error:
+        raise ConfigError("robot_description_file needs yourdfpy: pip install "
+                          "'stack_counter[robot]'") from error
+    if not path.is_file():
+        raise ConfigError(f"no URDF {path}; expected the file that robot_description_file names")
+    logging.getLogger("yourdfpy").setLevel(logging.ERROR)
+    try:
+        parsed = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False)
+        odd = [f"{j.name} ({j.type})" for j in parsed.robot.joints if j.type not in _DRIVEN]
+        if odd:
+            raise ConfigError(f"{path}: joint {odd[0]}; expected one of {_DRIVEN}")
+        for link in parsed.robot.links:
+            link.visuals = link.collisions or link.visuals
+        return yourdfpy.URDF(parsed.robot, filename_handler=partial(_find_mesh, path))
+    except ConfigError:
+        raise
+    except Exception as error:  # of XML, of meshes: many classes
+        raise ConfigError(f"{path} is no URDF that can be used: {type(error).__name__}: "
+                          f"{str(error).splitlines()[0] if str(error) else ''}") from error
+
+
+def _find_mesh(urdf: Path, fname: str) -> str:
+    """Path of a mesh that a URDF names, by file, package or relative to it.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    scheme, _, rest = fname.rpartition("://")
+    if scheme == "package":
+        package, _, inside = rest.partition("/")
+        shares = [Path(prefix) / "share" for prefix in
+                  os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
+        folders = [*urdf.resolve().parents, *shares]
+        found = [folder / package / inside for folder in folders] + [
+            folder / inside for folder in urdf.resolve().parents if folder.name == package]
+    else:
+        found = [urdf.parent / rest]
+    for path in found:
+        if path.is_file():
+            return str(path)
+    raise ConfigError(f"{urdf}: no mesh {fname}; expected it beside the URDF, or in a package "
+                      "that AMENT_PREFIX_PATH names")
