@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
 
 from stack_counter.errors import ConfigError
+from stack_counter.named_region import REGIONS, NamedRegion, read_regions, write_regions
 
 NAMESPACE = "/stack_counter"
 
@@ -103,6 +104,8 @@ class ReconstructorConfig:
                                                "centre of the region of interest, world, m")
     roi_size_m: tuple[float, ...] = _setting((0.0, 0.0, 0.0),
                                              "its size along world x y z, m; zeros: found", 0.0)
+    regions: tuple[NamedRegion, ...] = _setting(
+        (), "named regions, each counted by itself, in place of roi_center_m and roi_size_m")
     container: str = _setting("", "name of a taught container; empty: none")
     container_catalogue: str = _setting("", "file of the taught containers; empty: "
                                             "config/containers.yaml")
@@ -130,6 +133,20 @@ class ReconstructorConfig:
                                           "stand, when there is no depth", 0.0, 1.0)
     report_folder: str = _setting("", "folder into which the service write_report writes; empty: "
                                       "it does not")
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a setting says one place beside the regions, which are many."""
+        names = [region.name for region in self.regions]
+        if names and any(self.roi_size_m):
+            raise ConfigError(f"roi_size_m is {list(self.roi_size_m)} beside regions {names}; "
+                              "expected one of them")
+        if names and self.container_pose == "given":
+            raise ConfigError(f"container_pose is 'given' beside regions {names}; expected "
+                              "'found': each has a container of its own")
+
+    def of_region(self, region: NamedRegion) -> ReconstructorConfig:
+        """The settings with which one of the named regions is reconstructed."""
+        return replace(self, regions=(), roi_center_m=region.center_m, roi_size_m=region.size_m)
 
 
 @dataclass(frozen=True)
@@ -186,7 +203,8 @@ def build_section(section: type[Section], values: dict[str, Any]) -> Section:
     for name, value in values.items():
         if name not in fields:
             raise ConfigError(f"unknown setting '{name}'; expected one of {sorted(fields)}")
-        checked[name] = _check_value(fields[name], value)
+        checked[name] = read_regions(value) if name == REGIONS \
+            else _check_value(fields[name], value)
     return section(**checked)
 
 
@@ -248,6 +266,13 @@ def load_config(path: Path) -> Config:
 
 def to_ros_parameters(config: Config) -> str:
     """The settings as a ROS parameter file that `load` and the nodes read."""
-    return yaml.safe_dump({f"{NAMESPACE}/{name}": {"ros__parameters": {
-        key: list(value) if isinstance(value, tuple) else value for key, value in section.items()
-    }} for name, section in dataclasses.asdict(config).items()}, sort_keys=False)
+    return yaml.safe_dump({f"{NAMESPACE}/{name}": {"ros__parameters": _to_ros_values(
+        getattr(config, name))} for name in _SECTIONS}, sort_keys=False)
+
+
+def _to_ros_values(section: Any) -> dict[str, Any]:
+    """The settings of one node by name; without regions where there are none: ROS has no such."""
+    values = {f.name: getattr(section, f.name) for f in dataclasses.fields(section)}
+    regions = write_regions(values.pop(REGIONS, ()))
+    return {**{key: list(value) if isinstance(value, tuple) else value
+               for key, value in values.items()}, **({REGIONS: regions} if regions else {})}

@@ -18,7 +18,7 @@ from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import configured_container
 from stack_counter.counting import make_count
-from stack_counter.errors import ScanError, ViewError
+from stack_counter.errors import ConfigError, ScanError, ViewError
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.informed_gamma import estimate_occupancy
@@ -43,10 +43,15 @@ class StackCounter:
             unit_volume: as for `start`.
 
         Raises:
-            ConfigError: settings do not fit each other, or name a container that is not taught.
+            ConfigError: settings do not fit each other, name a container that is not taught, or
+                name regions, of which each needs a counter of its own (`RegionCounters`).
             PromptError: the prompts are missing or malformed.
             WeightsError: the SAM 2 weights are missing or damaged.
         """
+        if config.regions:
+            raise ConfigError(f"regions names {[region.name for region in config.regions]}; "
+                              "expected none to measure one stack: set roi_center_m and "
+                              "roi_size_m to its region")
         self._config = config
         self._taught_container = configured_container(config)
         self._labels = ScanLabels(config)  # decides which pixel shows parts

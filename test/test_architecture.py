@@ -14,7 +14,8 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "stack_counter"
 
 # The ground: modules directly in the package. Each may import those before it.
-GROUND = ("errors", "types", "config", "geometry", "files", "pretrained", "counting")
+GROUND = ("errors", "types", "named_region", "config", "geometry", "files", "pretrained",
+          "counting")
 # Package -> which others it may import besides the ground; only what stands above it here.
 LAYERS = {
     "views": (), "fusion": (), "display": (), "occupancy": (),
@@ -24,9 +25,11 @@ LAYERS = {
     "reconstruction": ("fusion", "container", "segmentation", "multiview", "display"),
     "parts": ("fusion", "occupancy", "reconstruction"),
     "pipeline": ("container", "segmentation", "occupancy", "reconstruction", "parts"),
-    "bag": ("views", "segmentation", "occupancy", "parts", "pipeline"),
+    "region_counters": ("pipeline",),
+    "bag": ("views", "segmentation", "occupancy", "parts", "pipeline", "region_counters"),
     "ros": ("views", "display", "bag"),
-    "nodes": ("views", "display", "occupancy", "parts", "pipeline", "bag.recorder", "ros"),
+    "nodes": ("views", "display", "occupancy", "parts", "pipeline", "region_counters",
+              "bag.recorder", "ros"),
     "sim": ("occupancy", "pipeline", "bag"),
     "teaching": ("container", "occupancy", "parts", "pipeline", "bag", "sim"),
     "train": ("fusion", "container", "occupancy", "parts", "reconstruction", "pipeline", "sim"),

@@ -11,48 +11,41 @@ From Python::
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from stack_counter.bag.bag_views import BagViews
+from stack_counter.bag.feeding import feed_cycles, feed_scan
+from stack_counter.bag.replayed import Replayed, count_entry, no_count_line, require_count
 from stack_counter.config import Config, load_config
 from stack_counter.counting import with_reasons
-from stack_counter.errors import ScanError, ViewError
+from stack_counter.errors import ConfigError, ScanError
 from stack_counter.files import config_path
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.parts.catalogue import Part, resolve_part
 from stack_counter.pipeline import StackCounter, count_stack
+from stack_counter.region_counters import RegionCounters, RegionVolume
 from stack_counter.segmentation.prompts import read_prompts
 from stack_counter.segmentation.scan_labels import ScanLabels
 from stack_counter.types import Reason, StackCount, StackVolume, View, ViewTally
-from stack_counter.views.cycles import Cycle, CycleGrouper
 
 
 @dataclass(frozen=True, eq=False)
-class Replayed:
-    """What the replay of a bag gives.
+class _CountSettings:
+    """What a measured volume is counted by."""
 
-    Attributes:
-        count: the final one.
-        counts: `{stamp_ns, count, count_interval}`, one for each view used in continuous mode,
-            one for each cycle in cycle mode.
-        errors: of cycles that gave no count, one line each.
-    """
+    part: Part
+    estimator: OccupancyEstimator
+    confidence: float
 
-    count: StackCount
-    counts: list[dict[str, Any]] = field(default_factory=list)
-    errors: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredCycle:
-    """V of one cycle of a rig's cameras, or the error, one line, that says why there is none."""
-
-    volume: StackVolume | None
-    error: str = ""
+    def count(self, measured: RegionVolume) -> StackCount:
+        """Raises ScanError: there is no volume, or nothing to read gamma from."""
+        if measured.volume is None:
+            raise ScanError(measured.error)
+        return count_stack(measured.volume, self.part, self.estimator, self.confidence)
 
 
 def count_bag(path: str | Path, *, part: str = "", unit_volume: float = 0.0,
@@ -70,17 +63,23 @@ def count_bag(path: str | Path, *, part: str = "", unit_volume: float = 0.0,
         PartError: neither part nor unit volume is given, or the part is unknown.
         BagError: the bag cannot be read, or lacks images.
         ScanError: the views do not suffice for a count.
-        ConfigError, WeightsError: the settings, or files that they name, cannot be used.
+        ConfigError, WeightsError: the settings, or files that they name, cannot be used; or the
+            settings name regions, of which `replay_direct` gives a count each.
     """
     config = config or load_config(config_path("stack_counter.yaml"))
+    if config.reconstructor.regions:
+        raise ConfigError("the settings name regions; expected none for one count: replay_direct "
+                          "gives one for each of them")
     known = resolve_part(part, unit_volume, config.counter.part_catalogue)
-    return replay_direct(Path(path), config, known).count
+    count = replay_direct(Path(path), config, known)[0].count
+    assert count is not None  # for the type checker: without one there is a ScanError
+    return count
 
 
 def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
                   on_view: Callable[[], None] = lambda: None, begin: float | None = None
-                  ) -> Replayed:
-    """Feeds a bag to `StackCounter` as fast as it can, or in real time times `rate`.
+                  ) -> list[Replayed]:
+    """Feeds a bag to `RegionCounters` as fast as it can, or in real time times `rate`.
 
     Args:
         path: rosbag2 folder or .mcap file.
@@ -89,6 +88,9 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
         rate: 0, or the speed of the recording's clock.
         on_view: called after each view used, for progress.
         begin: when the command began (`time.perf_counter`): imports count as loading. None: now.
+
+    Returns:
+        One result for each named region, at least one of them with a count; one without names.
 
     Raises:
         FileNotFoundError: there is no such path.
@@ -99,29 +101,72 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
     """
     # Load weights and settings.
     begin = time.perf_counter() if begin is None else begin
-    estimator = make_estimator(config.counter)
-    stack = StackCounter(config.reconstructor, part.unit_volume)
+    settings = _CountSettings(part, make_estimator(config.counter), config.counter.confidence)
+    counters = RegionCounters(config.reconstructor, part.unit_volume)
     loaded = time.perf_counter()
-    if config.collector.mode == "cycle":
-        return _replay_cycles(path, config, stack, part, estimator, on_view)
+    bag = BagViews(path, config.collector)
+    # Count, and add where the time went.
+    results = _replay_cycles(bag, counters, settings, on_view) \
+        if config.collector.mode == "cycle" \
+        else _replay_scan(bag, counters, settings, on_view, config.reconstructor.live, rate)
+    seconds = {"load": loaded - begin, "read": bag.reading_s, "total": time.perf_counter() - begin}
+    return [result if result.count is None else replace(result, count=replace(
+        result.count, seconds={**result.count.seconds, **seconds}))
+        for result in require_count(results)]
 
-    # Add every view; in continuous mode count after each.
-    confidence, counts = config.counter.confidence, []
+
+def _replay_scan(bag: BagViews, counters: RegionCounters, settings: _CountSettings,
+                 on_view: Callable[[], None], live: bool, rate: float) -> list[Replayed]:
+    """Counts every region from all views of a bag; in live mode after each view as well."""
+    entries: dict[str, list[dict[str, Any]]] = {name: [] for name in counters.counters}
 
     def after_view() -> None:
         on_view()
-        if config.reconstructor.live:
-            counts.append(count_entry(stack.count(part, estimator, confidence)))
-    bag = BagViews(path, config.collector)
-    volume = measure_scan(stack, bag, after_view, rate)
+        for measured in counters.volumes() if live else ():
+            with suppress(ScanError):  # nothing to count yet
+                entries[measured.region].append(count_entry(settings.count(measured)))
 
-    # Count, and add where the time went.
-    count = count_stack(volume, part, estimator, confidence)
-    if bag.reader.truncated:
-        count = with_reasons(count, Reason.BAG_TRUNCATED)
-    return Replayed(replace(count, seconds={
-        **count.seconds, "load": loaded - begin, "read": bag.reading_s,
-        "total": time.perf_counter() - begin}), counts)
+    feed_scan(counters, bag, after_view, rate)
+    results = []
+    for measured in counters.volumes():
+        tally = bag.assembler.tally + measured.tally
+        try:
+            count = _with_bag(settings.count(measured), bag, tally)
+            results.append(Replayed(count, entries[measured.region], region=measured.region))
+        except ScanError as error:
+            line = no_count_line(str(error), tally, bag.assembler.last_errors)
+            results.append(Replayed(None, entries[measured.region], (line,), measured.region))
+    return results
+
+
+def _replay_cycles(bag: BagViews, counters: RegionCounters, settings: _CountSettings,
+                   on_view: Callable[[], None]) -> list[Replayed]:
+    """Counts every region in each cycle of a rig's cameras; the last count is the result's."""
+    last: dict[str, StackCount] = {}
+    entries: dict[str, list[dict[str, Any]]] = {name: [] for name in counters.counters}
+    errors: dict[str, list[str]] = {name: [] for name in counters.counters}
+    for cycle in feed_cycles(counters, bag, settings.part.unit_volume, on_view):
+        for measured in counters.volumes():
+            name = measured.region
+            try:
+                count = settings.count(measured.with_missing_cameras(cycle.missing_cameras))
+            except ScanError as error:
+                errors[name].append(f"cycle at {cycle.stamp_ns} ns: {error}")
+                continue
+            last[name] = _with_bag(count, bag)
+            entries[name].append(count_entry(count))
+    for name in counters.counters.keys() - last.keys():
+        why = errors[name][0] if errors[name] else "0 cycles; expected one or more"
+        errors[name] = [no_count_line(why, bag.assembler.tally, bag.assembler.last_errors)]
+    return [Replayed(last.get(name), entries[name], tuple(errors[name]), name)
+            for name in counters.counters]
+
+
+def _with_bag(count: StackCount, bag: BagViews, tally: ViewTally | None = None) -> StackCount:
+    """The count with the tally of all images of the bag, and whether that is cut short."""
+    if tally is not None:
+        count = replace(count, volume=replace(count.volume, views=tally))
+    return with_reasons(count, Reason.BAG_TRUNCATED) if bag.reader.truncated else count
 
 
 def measure_bag(path: Path, config: Config, unit_volume: float = 0.0,
@@ -143,8 +188,10 @@ def measure_bag(path: Path, config: Config, unit_volume: float = 0.0,
     stack = StackCounter(config.reconstructor, unit_volume)
     bag = BagViews(path, config.collector)
     if config.collector.mode == "cycle":
-        cycles = measure_cycles(stack, bag, unit_volume, on_view)
-        volumes = [cycle.volume for cycle in cycles if cycle.volume is not None]
+        volumes = []
+        for cycle in feed_cycles(stack, bag, unit_volume, on_view):
+            with suppress(ScanError):
+                volumes.append(stack.volume().with_missing_cameras(cycle.missing_cameras))
         if len(volumes) != 1:
             raise ScanError(f"{path} holds {len(volumes)} cycles that give a volume; expected one")
         volume = volumes[0]
@@ -167,8 +214,8 @@ def read_scan(path: Path, config: Config) -> list[View]:
     bag = BagViews(path, config.collector)
     views = [view for _, view in bag]
     if not views:
-        raise no_count_error("0 views; expected some", bag.assembler.tally,
-                             bag.assembler.last_errors)
+        raise ScanError(no_count_line("0 views; expected some", bag.assembler.tally,
+                                      bag.assembler.last_errors))
     return views
 
 
@@ -188,99 +235,23 @@ def check_prompts(path: Path, config: Config) -> None:
         return
 
 
-def measure_scan(stack: StackCounter, bag: BagViews, after_view: Callable[[], None],
-                 rate: float = 0.0) -> StackVolume:
+def measure_scan(stack: StackCounter, bag: BagViews, after_view: Callable[[], None]
+                 ) -> StackVolume:
     """Measures V from all the views of a bag; its tally counts all images of the bag.
 
     Args:
         stack: started.
         bag: not yet read.
-        after_view: called after each view used; a `ScanError` of it is ignored.
-        rate: 0, or the speed of the recording's clock.
+        after_view: called after each view used.
 
     Raises:
         BagError: a message of the bag does not decode.
         ScanError: the views do not suffice.
     """
-    begin, first_ns, overrun = time.perf_counter(), None, bag.reader.overrun
-    for _, view in bag:
-        # Wait until the view is due.
-        first_ns = view.stamp_ns if first_ns is None else first_ns
-        if rate:
-            due = begin + (view.stamp_ns - first_ns) * 1e-9 / rate
-            time.sleep(max(due - time.perf_counter(), 0))
-        # Leave out what the recorded scan had left out.
-        if (view.camera, view.stamp_ns) in overrun:
-            stack.skip_view(ViewError("overrun", "the recorded scan had no time for this view"))
-            continue
-        with suppress(ViewError, ScanError):  # counted in the tally, or nothing to count yet
-            stack.add_view(view)
-            after_view()
+    feed_scan(stack, bag, after_view)
     # Join the counts of images that gave no view and of views that were refused.
     tally = bag.assembler.tally + stack.tally
     try:
         return replace(stack.volume(), views=tally)
     except ScanError as error:
-        raise no_count_error(str(error), tally, bag.assembler.last_errors) from error
-
-
-def measure_cycles(stack: StackCounter, bag: BagViews, unit_volume: float,
-                   on_view: Callable[[], None]) -> Iterator[MeasuredCycle]:
-    """Measures V of each cycle of a rig's cameras."""
-    rig = bag.assembler.rig
-    grouper = CycleGrouper([c.name for c in rig.cameras], rig.tolerance_s, rig.timeout_s,
-                           live=False)
-    for cycle in grouped_cycles(bag, grouper):
-        stack.start(unit_volume)
-        for name in grouper.cameras:
-            with suppress(ViewError):  # counted in the tally
-                if name in cycle.views:
-                    stack.add_view(cycle.views[name])
-                    on_view()
-        try:
-            yield MeasuredCycle(
-                stack.volume().with_missing_cameras(grouper.missing_cameras(cycle))
-            )
-        except ScanError as error:
-            yield MeasuredCycle(None, f"cycle at {cycle.stamp_ns} ns: {error}")
-
-
-def grouped_cycles(views: Iterable[tuple[str, View]], grouper: CycleGrouper) -> Iterator[Cycle]:
-    """Groups the views of a rig's cameras into cycles; a view that is late is left out."""
-    for name, view in views:
-        with suppress(ViewError):
-            yield from grouper.add_view(name, view)
-    yield from grouper.close_all()
-
-
-def count_entry(count: StackCount) -> dict[str, Any]:
-    """One entry of the JSON key `counts`."""
-    missing = list(count.volume.missing_cameras)
-    return {"stamp_ns": count.volume.stamp_ns, "count": count.count,
-            "count_interval": list(count.count_interval),
-            **({"missing_cameras": missing} if missing else {})}
-
-
-def no_count_error(error: str, tally: ViewTally, hints: list[str]) -> ScanError:
-    """The error of a bag that gives no count, with what became of its images."""
-    return ScanError("; ".join([error, f"{tally.received} images in the bag, skipped "
-                                       f"{tally.skipped}", *hints]))
-
-
-def _replay_cycles(path: Path, config: Config, stack: StackCounter, part: Part,
-                   estimator: OccupancyEstimator, on_view: Callable[[], None]) -> Replayed:
-    """Counts each cycle of a rig's cameras; the last count is the result's."""
-    bag, last = BagViews(path, config.collector), None
-    counts, errors = [], []
-    for cycle in measure_cycles(stack, bag, part.unit_volume, on_view):
-        if cycle.volume is None:
-            errors.append(cycle.error)
-            continue
-        last = count_stack(cycle.volume, part, estimator, config.counter.confidence)
-        counts.append(count_entry(last))
-    if last is None:
-        raise no_count_error(errors[0] if errors else "0 cycles; expected one or more",
-                             bag.assembler.tally, bag.assembler.last_errors)
-    if bag.reader.truncated:
-        last = with_reasons(last, Reason.BAG_TRUNCATED)
-    return Replayed(last, counts, tuple(errors))
+        raise ScanError(no_count_line(str(error), tally, bag.assembler.last_errors)) from error

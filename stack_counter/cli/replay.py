@@ -21,7 +21,7 @@ from stack_counter.occupancy import make_estimator
 from stack_counter.parts.catalogue import Part, resolve_part
 
 if TYPE_CHECKING:
-    from stack_counter.bag.replay import Replayed
+    from stack_counter.bag.replayed import Replayed
 
 
 def add_replay(commands: argparse._SubParsersAction) -> None:
@@ -66,9 +66,12 @@ def _replay(options: argparse.Namespace) -> int:
 
         check_prompts(options.bag, config)
     # Count, then print and write.
-    result = _count(options, config, part, begin)
-    _print_result(options, config, result)
-    _write_result(options, result)
+    results = _count(options, config, part, begin)
+    _print_lines(config, results)
+    if config.reconstructor.regions:
+        _show_regions(options, results)
+    else:
+        _show_result(options, results[0])
     return 0
 
 
@@ -107,7 +110,8 @@ def _part(options: argparse.Namespace, config: Config) -> Part:
                         config.counter.part_catalogue)
 
 
-def _count(options: argparse.Namespace, config: Config, part: Part, begin: float) -> Replayed:
+def _count(options: argparse.Namespace, config: Config, part: Part, begin: float
+           ) -> list[Replayed]:
     """Replays the bag through the nodes, or in this process."""
     with progress_bar("replay", "views") as on_view:
         if options.nodes:
@@ -120,27 +124,46 @@ def _count(options: argparse.Namespace, config: Config, part: Part, begin: float
         return replay_direct(options.bag, config, part, options.rate, on_view, begin)
 
 
-def _print_result(options: argparse.Namespace, config: Config, result: Replayed) -> None:
-    from stack_counter.display.report import as_text
+def _print_lines(config: Config, results: list[Replayed]) -> None:
+    """Prints what gave no count to stderr, and in cycle mode the count of every cycle."""
+    for result in results:
+        of_region = f"region {result.region}: " if result.region else ""
+        for error in result.errors:
+            print(f"stack-counter: {of_region}{error}", file=sys.stderr)
+        for entry in result.counts if config.collector.mode == "cycle" else ():
+            low, high = entry["count_interval"]
+            print(f"{of_region}cycle at {entry['stamp_ns'] / 1e9:.3f} s: {entry['count']} parts, "
+                  f"between {low} and {high}"
+                  + (f", without {', '.join(entry['missing_cameras'])}"
+                     if "missing_cameras" in entry else ""))
 
-    for error in result.errors:
-        print(f"stack-counter: {error}", file=sys.stderr)
-    for entry in result.counts if config.collector.mode == "cycle" else ():
-        low, high = entry["count_interval"]
-        print(f"cycle at {entry['stamp_ns'] / 1e9:.3f} s: {entry['count']} parts, between {low} "
-              f"and {high}" + (f", without {', '.join(entry['missing_cameras'])}"
-                               if "missing_cameras" in entry else ""))
-    print(as_text(result.count, _true_count(options.bag)))
 
+def _show_result(options: argparse.Namespace, result: Replayed) -> None:
+    """Prints and writes the one result of a scan without named regions."""
+    from stack_counter.display.report import as_dict, as_text, write_report
 
-def _write_result(options: argparse.Namespace, result: Replayed) -> None:
-    from stack_counter.display.report import as_dict, write_report
-
+    count = result.count
+    assert count is not None  # for the type checker: without one there is a ScanError
+    print(as_text(count, _true_count(options.bag)))
     if options.json:
-        text = json.dumps(as_dict(result.count, result.counts), indent=2)
-        options.json.write_text(text + "\n")
+        options.json.write_text(json.dumps(as_dict(count, result.counts), indent=2) + "\n")
     if options.report:
-        write_report(options.report, result.count, result.counts)
+        write_report(options.report, count, result.counts)
+
+
+def _show_regions(options: argparse.Namespace, results: list[Replayed]) -> None:
+    """Prints the table of all regions, and writes their results."""
+    from stack_counter.cli.region_table import (
+        regions_as_dict,
+        regions_as_text,
+        write_region_reports,
+    )
+
+    print(regions_as_text(results))
+    if options.json:
+        options.json.write_text(json.dumps(regions_as_dict(results), indent=2) + "\n")
+    if options.report:
+        write_region_reports(options.report, results)
 
 
 def _true_count(bag: Path) -> int | None:

@@ -78,7 +78,7 @@ def as_text(count: StackCount, true_count: int | None) -> str:
         f"gamma      {count.gamma:.3f} +- {count.gamma_std:.3f}, said by {count.estimator}"
         + _gamma_weights_text(count),
         f"v          {count.unit_volume * 1e6:.4f} cm3",
-        f"container  {_container_text(volume.container)}",
+        f"container  {container_text(volume.container)}",
         f"views      {volume.views.used} used of {volume.views.received}"
         + (f", skipped {volume.views.skipped}" if volume.views.skipped else "")
         + (f", {1000 * volume.view_agreement_m:.1f} mm apart" if volume.view_agreement_m else ""),
@@ -103,7 +103,7 @@ def _gamma_weights_text(count: StackCount) -> str:
         for name, share in count.gamma_shares.items()) + ")"
 
 
-def _container_text(container: Container) -> str:
+def container_text(container: Container) -> str:
     """Returns the kind of a container, and its sizes in millimetres where they were measured."""
     if not any(container.inner_size_m):
         return container.kind

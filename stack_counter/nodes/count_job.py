@@ -70,7 +70,9 @@ class CountJob:
         """Completes the job with the final count of its scan; sends running ones as feedback."""
         if self.scan_id is None or (self.scan_id and count.scan_id != self.scan_id):
             return
-        if count.final:
+        if count.region:  # which of the counts the request means, nobody has said
+            self.finish("regions")
+        elif count.final:
             if not self.final_count.done():
                 self.final_count.set_result(count)
                 self.finish("scan ended")
@@ -132,6 +134,10 @@ class CountJobRunner:
             await self._wait_for(self._stop.call_async(StopScan.Request()), TIMEOUTS.answer_s)
         if cause == "cancelled":
             return Outcome("cancelled")
+        if cause == "regions":
+            return Outcome("the reconstructor names regions, and a request asks for one count; "
+                           "expected no regions, or start_scan and stop_scan: the topic count "
+                           "then has a count for each")
         # Wait for its count, and judge it.
         count = await self._wait_for(job.final_count, TIMEOUTS.count_s)
         if count is None:

@@ -25,8 +25,8 @@ from stack_counter.ros.conversions import (
 )
 from stack_counter.ros.diagnostics import ERROR, OK, WARN
 from stack_counter.ros.lifecycle import ManagedNode, run
-from stack_counter.ros.markers import ORIGIN_PLACE, count_markers, text_place
-from stack_counter.ros.qos import LATCHED, LATCHED_ALL, LATCHED_NEWEST
+from stack_counter.ros.markers import ORIGIN_PLACE, TextPlace, count_marker, text_place
+from stack_counter.ros.qos import LATCHED_ALL, LATCHED_NEWEST
 from stack_counter.views.decoding import stamp_ns
 
 _LEVELS = {StackCount.STATUS_OK: OK, StackCount.STATUS_DEGRADED: WARN,
@@ -49,10 +49,11 @@ class CounterNode(ManagedNode[CounterConfig]):
         self._config = config
         self._check_part(config)
         self._estimator = make_estimator(config)
-        self._last: StackCount | None = None
-        self._count = self.advertise(StackCount, "count", LATCHED)
+        self._last: dict[str, StackCount] = {}  # of the last scan, by region
+        self._count = self.advertise(StackCount, "count", LATCHED_ALL)
         self._marker = self.advertise(MarkerArray, "count_marker", LATCHED_NEWEST)
-        self._text_place = ORIGIN_PLACE  # of the last stack: an error is written there as well
+        # Of the last stack of each region: an error is written there as well.
+        self._text_places: dict[str, TextPlace] = {}
         # Latched, so that a counter that starts late still counts the last volume.
         self.subscribe(StackVolume, "volume", self._on_volume, LATCHED_ALL)
         self._action = CountAction(self, config)
@@ -86,16 +87,24 @@ class CounterNode(ManagedNode[CounterConfig]):
         if not count.error:
             set_verdict(count, self._config.expected_count, self._config.tolerance)
         # Publish the count, and show it above the stack.
-        self._last = count
+        self._last = {region: last for region, last in self._last.items()
+                      if last.scan_id == count.scan_id} | {count.region: count}
         self._count.publish(count)
         self._log_count(count)
         self._action.on_count(count)
-        self._text_place = text_place(message) or self._text_place
-        self._marker.publish(count_markers(count, self._text_place))
+        self._publish_markers(text_place(message), count.region)
+
+    def _publish_markers(self, place: TextPlace | None, region: str) -> None:
+        """Shows the counts of all regions; `place`: of the region's stack; None if it has none."""
+        self._text_places[region] = place or self._text_places.get(region, ORIGIN_PLACE)
+        self._marker.publish(MarkerArray(markers=[
+            count_marker(self._last[name], place, number)
+            for number, (name, place) in enumerate(self._text_places.items())
+            if name in self._last]))
 
     def _log_count(self, count: StackCount) -> None:
         """Logs an error, or the count of a scan that has ended with a sentence for each reason."""
-        logger, line = self.get_logger(), f"scan '{count.scan_id}': "
+        logger, line = self.get_logger(), f"scan '{count.scan_id}': {_region_prefix(count)}"
         if count.error:
             logger.error(line + count.error)
         elif count.final and count.status == StackCount.STATUS_DEGRADED:
@@ -124,31 +133,40 @@ class CounterNode(ManagedNode[CounterConfig]):
         return self._config.weights or "shipped"
 
     def status_lines(self) -> list[tuple[bytes, str]]:
-        """Returns the last count with its reasons, and why the last goal was rejected."""
-        lines, last = [], self._last
-        if last is not None:
-            lines.append((_LEVELS[last.status], last.error or _describe_count(last)))
+        """Returns the last counts with their reasons, and why the last goal was rejected."""
+        lines = [(_LEVELS[last.status],
+                  _region_prefix(last) + (last.error or _describe_count(last)))
+                 for last in self._last.values()]
         if self._action.rejected:
             lines.append((WARN, f"the last goal was rejected: {self._action.rejected}"))
         return lines or [(OK, "no scan yet")]
 
     def status_values(self) -> Mapping[str, object]:
-        """Returns the estimator, and the last count with its views and times."""
+        """Returns the estimator, and the last counts with their views and times."""
         values: dict[str, object] = {"counting": self._action.is_busy,
                                      "estimator": self._estimator.name, "weights": self._weights}
-        last = self._last
-        if last is not None:
-            tally = from_tally(last.views)
-            values |= {
-                "scan_id": last.scan_id, "count": last.count, "count_low": last.count_low,
-                "count_high": last.count_high, "age s": float(last.age),
-                "reasons": ", ".join(last.reasons),
-                "missing cameras": ", ".join(last.missing_cameras),
-                "view_agreement mm": 1000 * last.view_agreement,
-                "views received": tally.received, "views used": tally.used,
-                **{f"seconds {stage}": s for stage, s in from_seconds(last.seconds).items()},
-                **{f"skipped: {reason}": number for reason, number in tally.skipped.items()}}
+        for last in self._last.values():
+            prefix = _region_prefix(last)
+            values |= {prefix + key: value for key, value in _count_values(last).items()}
         return values
+
+
+def _region_prefix(count: StackCount) -> str:
+    """Returns what a region's lines and values begin with; empty where none is named."""
+    return f"{count.region}: " if count.region else ""
+
+
+def _count_values(count: StackCount) -> dict[str, object]:
+    """Returns a count with its views and times, by names for the diagnostics."""
+    tally = from_tally(count.views)
+    return {
+        "scan_id": count.scan_id, "count": count.count, "count_low": count.count_low,
+        "count_high": count.count_high, "age s": float(count.age),
+        "reasons": ", ".join(count.reasons), "missing cameras": ", ".join(count.missing_cameras),
+        "view_agreement mm": 1000 * count.view_agreement,
+        "views received": tally.received, "views used": tally.used,
+        **{f"seconds {stage}": s for stage, s in from_seconds(count.seconds).items()},
+        **{f"skipped: {reason}": number for reason, number in tally.skipped.items()}}
 
 
 def _describe_count(count: StackCount) -> str:

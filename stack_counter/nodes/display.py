@@ -11,9 +11,9 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from stack_counter.pipeline import StackCounter
+from stack_counter.region_counters import RegionCounters
 from stack_counter.ros.lifecycle import ManagedNode
-from stack_counter.ros.markers import scene_markers, surface_points
+from stack_counter.ros.markers import joined_mesh, scene_markers, surface_points
 from stack_counter.ros.qos import LATCHED_NEWEST
 from stack_counter.types import StackVolume, View
 
@@ -40,16 +40,15 @@ class Scene:
     """What is shown of a scan.
 
     Attributes:
-        volume: None where the scan gave none.
-        region: low and high corner (3,) of the region of interest, world, metres; None if there
-            is none.
+        volumes: of the regions that gave one.
+        regions: low and high corner (3,) of each region of interest, world, metres.
         views: whose cameras are drawn.
         header: world frame, stamp of the data.
         final: the scan has ended.
     """
 
-    volume: StackVolume | None
-    region: tuple[np.ndarray, np.ndarray] | None
+    volumes: list[StackVolume]
+    regions: list[tuple[np.ndarray, np.ndarray]]
     views: list[View]
     header: Header
     final: bool
@@ -70,17 +69,17 @@ class Display:
         self._points = node.advertise(PointCloud2, "surface", LATCHED_NEWEST)
         node.add_timer(SETTINGS.period_s, self._publish_next)
 
-    def show_scan(self, stack: StackCounter, volume: StackVolume | None, header: Header,
-             final: bool) -> None:
+    def show_scan(self, stack: RegionCounters, volumes: list[StackVolume], header: Header,
+                  final: bool) -> None:
         """Has a scan published soon, in place of what waits.
 
         Args:
-            stack: whose region and views are drawn.
-            volume: None where the scan gave none.
+            stack: whose regions and views are drawn.
+            volumes: of the regions that gave one.
             header: world frame, stamp of the data.
             final: the scan has ended; it is published at once and without subscribers too.
         """
-        self._next = Scene(volume, stack.region, stack.views, header, final)
+        self._next = Scene(volumes, stack.regions, stack.views, header, final)
 
     def _publish_next(self) -> None:
         scene = self._next
@@ -94,8 +93,7 @@ class Display:
 
     def _publish(self, scene: Scene) -> None:
         if scene.final or self._markers.get_subscription_count():
-            self._markers.publish(scene_markers(scene.volume, scene.region, scene.views,
+            self._markers.publish(scene_markers(scene.volumes, scene.regions, scene.views,
                                                 scene.header))
         if scene.final or self._points.get_subscription_count():
-            self._points.publish(surface_points(scene.volume.mesh if scene.volume else None,
-                                                scene.header))
+            self._points.publish(surface_points(joined_mesh(scene.volumes), scene.header))

@@ -13,14 +13,14 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from stack_counter.config import ReconstructorConfig
-from stack_counter.errors import ScanError, ViewError
+from stack_counter.errors import ViewError
 from stack_counter.nodes.display import Display
 from stack_counter.nodes.report_service import ReportService
-from stack_counter.pipeline import StackCounter
+from stack_counter.region_counters import RegionCounters, RegionVolume
 from stack_counter.ros.conversions import from_posed_image, from_skips, to_stack_volume, to_tally
 from stack_counter.ros.diagnostics import WARN, Rate
 from stack_counter.ros.lifecycle import ManagedNode, run
-from stack_counter.ros.qos import LATCHED, RELIABLE
+from stack_counter.ros.qos import RELIABLE, latched
 from stack_counter.ros.standard_messages import to_header
 from stack_counter.types import Reason, ViewTally
 
@@ -48,7 +48,7 @@ TIMES = ReconstructorTimes()
 
 
 class Reconstructor(ManagedNode[ReconstructorConfig]):
-    """Adapter of `StackCounter.add_view` and `.volume`: views come in, a volume goes out."""
+    """Adapter of `RegionCounters`: views come in, a volume of each region goes out."""
 
     def __init__(self) -> None:
         """Declares the parameters."""
@@ -57,18 +57,19 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
     def setup(self, config: ReconstructorConfig) -> None:
         """Makes an empty reconstruction and connects it."""
         self._config = config
-        self._stack = self._next_stack = StackCounter(config)  # of this scan, of those to come
+        self._stack = self._next_stack = RegionCounters(config)  # of this scan, of those to come
         self._scan: PosedImage | None = None  # first image of the scan; None between scans
         self._received = 0  # images of the scan
         self._finished_scan = ""  # id of the scan that ended last
         self._stopped: ScanStatus | None = None  # the collector's last status of a stopped scan
         self._stopped_at = self._published_at = 0.0  # s, monotonic
-        self._running_volume = math.nan  # of the scan so far, m3
+        self._running_volume = math.nan  # of the scan so far, all regions together, m3
         self._image_rate, self._last_view_s = Rate(), 0.0
         self.on_cleanup_call(self._release_scan)
-        self._volume = self.advertise(StackVolume, "volume", LATCHED)
+        self._volume = self.advertise(StackVolume, "volume", latched(len(config.regions)))
         self._status = self.advertise(ScanStatus, "scan_status", RELIABLE)
-        self._display, self._reports = Display(self), ReportService(self, config.report_folder)
+        self._display = Display(self)
+        self._reports = ReportService(self, config.report_folder, len(config.regions))
         self._images = self.subscribe(PosedImage, "posed_images", self._on_image, RELIABLE)
         self.subscribe(ScanStatus, "scan_status", self._on_status, RELIABLE)
         self.add_service(Trigger, "reset_reconstruction", self._on_reset)
@@ -81,11 +82,11 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         Raises:
             StackCounterError: the prompts cannot be read.
         """
-        self._next_stack, self._config = StackCounter(config), config
+        self._next_stack, self._config = RegionCounters(config), config
 
     def _release_scan(self) -> None:
         """Frees the memory of the scan."""
-        self._stack = self._next_stack = StackCounter(self._config)
+        self._stack = self._next_stack = RegionCounters(self._config)
         self._scan = self._stopped = None
 
     def _announce_ready(self) -> None:
@@ -120,7 +121,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         # Publish the volume so far. Without depth that takes the time of a whole count: pictures
         # are matched at the end.
         if self._config.live or len(message.depth.data) and self._is_running_due(begin):
-            self._publish_volume(final=False)
+            self._publish_volumes(final=False)
             self._published_at = time.monotonic()
         self._last_view_s = time.monotonic() - begin
         self._publish_status()
@@ -172,7 +173,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         late = time.monotonic() - self._stopped_at > TIMES.lost_after_s
         if self._received < self._stopped.processed and not late:
             return
-        self._publish_volume(final=True, lost=self._stopped.processed - self._received)
+        self._publish_volumes(final=True, lost=self._stopped.processed - self._received)
         self._finished_scan = self._scan.scan_id if self._scan else ""
         self._publish_status(ScanStatus.STOPPED)
         self._stopped = self._scan = None  # the next image starts a scan, whatever its id
@@ -186,42 +187,43 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
 
     # --- what is published --------------------------------------------------------------------
 
-    def _publish_volume(self, final: bool, lost: int = 0) -> None:
-        """Publishes the volume of the scan so far, and shows it.
+    def _publish_volumes(self, final: bool, lost: int = 0) -> None:
+        """Publishes the volume of every region in the scan so far, and shows them.
 
         Args:
-            final: the scan has ended: if it gives no volume, the reason is published.
+            final: the scan has ended: of a region that gives no volume the reason is published.
             lost: number of images that the collector has sent and that have not come.
         """
         assert self._scan is not None  # for the type checker
-        missing = list(self._stopped.missing_cameras) if self._stopped else []
-        try:
-            volume = self._stack.volume()
-        except ScanError as error:
-            if final:
-                self._publish_failure(error, missing)
-            return
-        if lost > 0:
-            volume = replace(volume, reasons=volume.reasons + (Reason.VIEWS_LOST,))
-        volume = replace(volume, views=self._scan_tally(volume.views)).with_missing_cameras(
-            missing
-        )
-        self._running_volume = volume.stack_volume
-        scan, frame = self._scan, self._scan.world_frame
-        self._volume.publish(to_stack_volume(volume, frame, scan, final))
-        self._reports.keep_volume(scan.scan_id, final, volume)
-        self._display.show_scan(self._stack, volume, to_header(volume.stamp_ns, frame), final)
+        scan, missing = self._scan, list(self._stopped.missing_cameras) if self._stopped else []
+        header, shown = Header(stamp=scan.header.stamp, frame_id=scan.world_frame), []
+        for measured in self._stack.volumes():
+            volume = measured.volume
+            if volume is not None:
+                if lost > 0:
+                    volume = replace(volume, reasons=volume.reasons + (Reason.VIEWS_LOST,))
+                volume = replace(volume, views=self._scan_tally(volume.views)
+                                 ).with_missing_cameras(missing)
+                self._volume.publish(to_stack_volume(volume, scan.world_frame, scan, final))
+                self._reports.keep_volume(scan.scan_id, final, volume)
+                header = to_header(volume.stamp_ns, scan.world_frame)
+                shown.append(volume)
+            elif final:
+                self._publish_failure(measured, missing)
+        if shown:
+            self._running_volume = sum(volume.stack_volume for volume in shown)
+        if shown or final:
+            self._display.show_scan(self._stack, shown, header, final)
 
-    def _publish_failure(self, error: ScanError, missing_cameras: list[str]) -> None:
-        """Publishes why the scan that has ended gives no volume."""
+    def _publish_failure(self, measured: RegionVolume, missing_cameras: list[str]) -> None:
+        """Publishes why a region of the scan that has ended gives no volume."""
         assert self._scan is not None  # for the type checker
         scan = self._scan
-        header = Header(stamp=scan.header.stamp, frame_id=scan.world_frame)
         self._volume.publish(StackVolume(
-            header=header, scan_id=scan.scan_id, final=True, part=scan.part,
-            unit_volume=scan.unit_volume, error=str(error), missing_cameras=missing_cameras,
-            views=to_tally(self._scan_tally(self._stack.tally))))
-        self._display.show_scan(self._stack, None, header, final=True)
+            header=Header(stamp=scan.header.stamp, frame_id=scan.world_frame),
+            scan_id=scan.scan_id, region=measured.region, final=True, part=scan.part,
+            unit_volume=scan.unit_volume, error=measured.error, missing_cameras=missing_cameras,
+            views=to_tally(self._scan_tally(measured.tally))))
 
     def _scan_tally(self, tally: ViewTally) -> ViewTally:
         """Returns the tally with the views that the collector skipped, once it has stopped."""

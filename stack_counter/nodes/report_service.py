@@ -19,7 +19,7 @@ from stack_counter.display.report import write_report
 from stack_counter.errors import ScanError
 from stack_counter.ros.conversions import from_stack_count
 from stack_counter.ros.lifecycle import ManagedNode
-from stack_counter.ros.qos import LATCHED
+from stack_counter.ros.qos import LATCHED_ALL
 from stack_counter.types import StackCount, StackVolume
 from stack_counter.views.decoding import stamp_ns
 
@@ -29,7 +29,7 @@ class ReportSettings:
     """Limits of the report service; all are chosen.
 
     Attributes:
-        max_waiting: volumes that wait for their counts; older ones are forgotten.
+        max_waiting: volumes of one region that wait for their counts; older ones are forgotten.
         max_scan_letters: letters of a scan's id in the name of its folder.
     """
 
@@ -56,35 +56,37 @@ class WaitingVolume:
 
 
 @dataclass(eq=False)
-class ReportedCount:
-    """The count that a report is written of.
+class ReportedScan:
+    """The counts that a report is written of.
 
     Attributes:
-        scan_id: scan that the count belongs to.
-        count: with its volume and mesh.
-        folder: of its report; None while that is not written.
+        scan_id: scan that the counts belong to.
+        counts: by region, "" where none is named; with their volumes and meshes.
+        folder: of the report; None while that is not written.
     """
 
     scan_id: str
-    count: StackCount
+    counts: dict[str, StackCount]
     folder: Path | None = None
 
 
 class ReportService:
-    """Brings each volume together with its count, and writes the last of them on request."""
+    """Brings each volume together with its count, and writes the last scan's on request."""
 
-    def __init__(self, node: ManagedNode, folder: str):
+    def __init__(self, node: ManagedNode, folder: str, regions: int = 0):
         """Offers the service of a node that is being set up.
 
         Args:
             node: publishes the volumes.
             folder: where reports are written, as the parameter `report_folder`; "" for nowhere.
+            regions: number of named regions; each has a volume and a count of its own.
         """
         self._folder = folder
-        self._waiting: deque[WaitingVolume] = deque(maxlen=SETTINGS.max_waiting)
-        self._last: ReportedCount | None = None
+        self._waiting: deque[WaitingVolume] = deque(
+            maxlen=SETTINGS.max_waiting * max(1, regions))
+        self._last = ReportedScan("", {})
         self._error = "nothing was counted yet; expected a scan and a counter"
-        node.subscribe(StackCountMsg, "count", self._on_count, LATCHED)
+        node.subscribe(StackCountMsg, "count", self._on_count, LATCHED_ALL)
         node.add_service(Trigger, "write_report", self._on_write_report)
 
     def keep_volume(self, scan_id: str, final: bool, volume: StackVolume) -> None:
@@ -94,20 +96,32 @@ class ReportService:
     def _on_count(self, message: StackCountMsg) -> None:
         # Forget what failed.
         if message.error:
-            self._last = None
-            self._error = f"scan '{message.scan_id}': {message.error}"
-            self._waiting = deque((w for w in self._waiting if w.scan_id != message.scan_id),
-                                  SETTINGS.max_waiting)
+            self._forget(message)
             return
         # Find the volume; there is none of a latched count from before this node started.
-        key = message.scan_id, message.final, stamp_ns(message.header.stamp)
-        keys = [(w.scan_id, w.final, w.volume.stamp_ns) for w in self._waiting]
+        key = (message.scan_id, message.final, message.region, stamp_ns(message.header.stamp))
+        keys = [(w.scan_id, w.final, w.volume.region, w.volume.stamp_ns) for w in self._waiting]
         if key not in keys:
             return
         # Counts come in the order of their volumes: forget those before it.
         for _ in range(keys.index(key) + 1):
             volume = self._waiting.popleft().volume
-        self._last = ReportedCount(message.scan_id, from_stack_count(message, volume))
+        self._keep_counts(message.scan_id, {message.region: from_stack_count(message, volume)})
+
+    def _keep_counts(self, scan_id: str, counts: dict[str, StackCount | None]) -> None:
+        """Takes counts into those of the scan, in place of another scan's; None for one to go."""
+        others = self._last.counts if self._last.scan_id == scan_id else {}
+        self._last = ReportedScan(scan_id, {region: count for region, count in
+                                            {**others, **counts}.items() if count is not None})
+
+    def _forget(self, failed: StackCountMsg) -> None:
+        """Forgets what there is of the region, or of the scan, that gives no count."""
+        of_region = f", region {failed.region}" if failed.region else ""
+        self._error = f"scan '{failed.scan_id}'{of_region}: {failed.error}"
+        self._waiting = deque((w for w in self._waiting if w.scan_id != failed.scan_id or (
+            failed.region and failed.region != w.volume.region)), self._waiting.maxlen)
+        gone = [failed.region] if failed.region else [*self._last.counts]
+        self._keep_counts(failed.scan_id, dict.fromkeys(gone))
 
     def _on_write_report(self, request: Trigger.Request, response: Trigger.Response
                          ) -> Trigger.Response:
@@ -119,7 +133,7 @@ class ReportService:
         return response
 
     def _write_last(self) -> Path:
-        """Writes the report of the last count, once for all requests; returns its folder.
+        """Writes the report of the last scan, once for all requests; returns its folder.
 
         Raises:
             ScanError: there is no folder or no count to write.
@@ -131,13 +145,14 @@ class ReportService:
         if ended:
             raise ScanError(f"scan '{ended[-1]}' is not counted yet; expected its count from the "
                             "counter")
-        if self._last is None:
+        if not self._last.counts:
             raise ScanError(self._error)
         if self._last.folder is None or not self._last.folder.is_dir():
-            count = self._last.count
+            counts = self._last.counts
             folder = new_folder(Path(self._folder).expanduser().resolve(), self._last.scan_id,
-                                count.volume.stamp_ns)
-            write_report(folder, count, [])
+                                max(count.volume.stamp_ns for count in counts.values()))
+            for region, count in counts.items():
+                write_report(folder / region, count, [])
             self._last.folder = folder
         return self._last.folder
 

@@ -28,6 +28,7 @@ from std_msgs.msg import Header
 
 from stack_counter.config import NAMESPACE, Section, build_section
 from stack_counter.errors import StackCounterError
+from stack_counter.named_region import REGIONS, nest
 from stack_counter.ros.diagnostics import ERROR, OK, memory_mb, summarize, to_array
 from stack_counter.ros.qos import DIAGNOSTICS
 
@@ -39,7 +40,9 @@ class ManagedNode(LifecycleNode, Generic[Section]):
 
     def __init__(self, name: str, section: type[Section]):
         """Declares a parameter for every field of `section`; the node is not configured yet."""
-        super().__init__(name, namespace=NAMESPACE)
+        # Named regions have parameters whose names only the settings file knows.
+        super().__init__(name, namespace=NAMESPACE,
+                         automatically_declare_parameters_from_overrides=True)
         self._section: type[Section] = section
         self._cleanup_calls: list[Callable[[], Any]] = []
         self._qos_mismatches: dict[str, str] = {}  # an explanation for each topic
@@ -47,14 +50,21 @@ class ManagedNode(LifecycleNode, Generic[Section]):
         # Waiting and being late are matters of wall time, also where the clock is a bag's.
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         for field in dataclasses.fields(section):
-            default = list(field.default) if isinstance(field.default, tuple) else field.default
-            self.declare_parameter(field.name, default, _describe_parameter(field))
-        self.autostart = self.declare_parameter(
-            "autostart", True,
-            ParameterDescriptor(description="configure and activate at start")).value
+            if field.name != REGIONS:
+                default = list(field.default) if isinstance(field.default, tuple) \
+                    else field.default
+                self._declare(field.name, default, _describe_parameter(field))
+        self.autostart = self._declare(
+            "autostart", True, ParameterDescriptor(description="configure and activate at start"))
         self.add_on_set_parameters_callback(self._on_parameters)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
         self.create_timer(_DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=self.steady)
+
+    def _declare(self, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
+        """Declares a parameter; returns its value, by the settings file or else the default."""
+        if self.has_parameter(name):  # by the settings file, and not described
+            self.undeclare_parameter(name)
+        return self.declare_parameter(name, default, descriptor).value
 
     def read_config(self) -> Section:
         """Returns the parameters as a checked settings object.
@@ -62,7 +72,7 @@ class ManagedNode(LifecycleNode, Generic[Section]):
         Raises:
             ConfigError: a value is out of range.
         """
-        return build_section(self._section, self._parameter_values())
+        return build_section(self._section, nest(self._parameter_values()))
 
     def setup(self, config: Section) -> None:
         """Makes what the node needs; called on configure.
@@ -137,22 +147,29 @@ class ManagedNode(LifecycleNode, Generic[Section]):
     # --- parameters ---------------------------------------------------------------------------
 
     def _parameter_values(self) -> dict[str, Any]:
-        names = [field.name for field in dataclasses.fields(self._section)]
-        return {parameter.name: parameter.value for parameter in self.get_parameters(names)}
+        """Returns the value of every parameter of the node's settings by its name."""
+        return {name: parameter.value
+                for name, parameter in self.get_parameters_by_prefix("").items()
+                if self._is_setting(name)}
+
+    def _is_setting(self, parameter: str) -> bool:
+        """Whether the node's settings hold a parameter, e.g. `live` or `regions.left.size_m`."""
+        return parameter.split(".")[0] in {f.name for f in dataclasses.fields(self._section)}
 
     def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """Refuses what is out of range, and what cannot change while the node is configured."""
         fields = {field.name: field for field in dataclasses.fields(self._section)}
-        changes = {p.name: p.value for p in parameters if p.name in fields}
+        changes = {p.name: p.value for p in parameters if self._is_setting(p.name)}
         # Refuse what is read on configure alone.
-        fixed = [name for name in changes if not fields[name].metadata["runtime"]]
+        fixed = [name for name in changes
+                 if not fields[name.split(".")[0]].metadata["runtime"]]
         if self._configured and fixed:
             return SetParametersResult(successful=False, reason=(
                 f"{', '.join(fixed)} is read on configure; expected an unconfigured node: clean "
                 "it up first"))
         # Check all settings together, then take them over.
         try:
-            config = build_section(self._section, {**self._parameter_values(), **changes})
+            config = build_section(self._section, nest({**self._parameter_values(), **changes}))
             if self._configured and changes:
                 self.apply_runtime_config(config)
         except StackCounterError as error:

@@ -55,39 +55,48 @@ class MarkerSettings:
 SETTINGS = MarkerSettings()
 
 
-def scene_markers(volume: StackVolume | None, region: tuple[np.ndarray, np.ndarray] | None,
+def scene_markers(volumes: list[StackVolume], regions: list[tuple[np.ndarray, np.ndarray]],
                   views: list[View], header: Header) -> MarkerArray:
     """Returns the markers of a scan: namespaces `container`, `region`, `cameras` and `surface`.
 
     Args:
-        volume: None where the scan gave none.
-        region: low and high corner (3,) of the region of interest, world, metres; None if there
-            is none.
+        volumes: of the regions that gave one.
+        regions: low and high corner (3,) of each region of interest, world, metres.
         views: whose cameras are drawn.
         header: world frame, stamp of the data.
     """
     # Delete the markers of the last scan: this one may have less to show.
     markers = [Marker(header=header, action=Marker.DELETEALL)]
-    if volume is not None:
-        markers.append(
-            _line_marker("container", container_lines(volume.container), ORANGE, header)
-        )
-    if region is not None:
-        markers.append(_line_marker("region", box_lines(*region), WHITE, header))
+    markers += [_line_marker("container", container_lines(volume.container), ORANGE, header, i)
+                for i, volume in enumerate(volumes)]
+    markers += [_line_marker("region", box_lines(*region), WHITE, header, i)
+                for i, region in enumerate(regions)]
     frusta = [frustum_lines(v.intrinsics, v.T_world_camera, SETTINGS.frustum_m) for v in views]
     markers.append(_line_marker("cameras", np.array(frusta), BLUE, header))
-    if volume is not None and volume.mesh is not None and len(volume.mesh.triangles):
-        markers.append(surface_marker(volume.mesh, header))
+    mesh = joined_mesh(volumes)
+    if mesh is not None and len(mesh.triangles):
+        markers.append(surface_marker(mesh, header))
     # A marker without points is an error in both viewers.
     return MarkerArray(markers=[m for m in markers if m.action != Marker.ADD or m.points])
 
 
-def _line_marker(
-    ns: str, ends: np.ndarray, rgb: tuple[float, float, float], header: Header
-) -> Marker:
+def joined_mesh(volumes: list[StackVolume]) -> Mesh | None:
+    """Returns the surfaces of all regions as one mesh; None where no region has one."""
+    meshes = [volume.mesh for volume in volumes if volume.mesh is not None]
+    if len(meshes) < 2:
+        return meshes[0] if meshes else None
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
+    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]),
+                np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts)]),
+                np.concatenate([display_colors(mesh) for mesh in meshes]))
+
+
+def _line_marker(ns: str, ends: np.ndarray, rgb: tuple[float, float, float], header: Header,
+                 number: int = 0) -> Marker:
     """Returns the marker of lines with (..., 2, 3) float64 ends, world, metres."""
-    return Marker(header=header, ns=ns, type=Marker.LINE_LIST, scale=Vector3(x=SETTINGS.line_m),
-                  color=_to_color(rgb), points=_to_points(ends.reshape(-1, 3)))
+    return Marker(header=header, ns=ns, id=number, type=Marker.LINE_LIST,
+                  scale=Vector3(x=SETTINGS.line_m), color=_to_color(rgb),
+                  points=_to_points(ends.reshape(-1, 3)))
 
 
 def surface_marker(mesh: Mesh, header: Header) -> Marker:
@@ -155,27 +164,36 @@ def text_place(volume: StackVolumeMsg) -> TextPlace | None:
         width * SETTINGS.letter_share, *SETTINGS.letter_limits_m)))
 
 
-def count_markers(count: StackCount, place: TextPlace) -> MarkerArray:
-    """Returns the count, or its error, as text above a place, coloured by its status."""
+def count_marker(count: StackCount, place: TextPlace, number: int = 0) -> Marker:
+    """Returns the count, or its error, as text above a place, coloured by its status.
+
+    Args:
+        count: what is written.
+        place: where.
+        number: of the marker, which differs for each region.
+    """
     text = count_text(count)
     x, y, z = place.point.tolist()
     # A marker lies at the middle of its text: raise it by half of the lines.
     lift = place.letter_m * (2 + text.count("\n") / 2)
-    return MarkerArray(markers=[Marker(
-        header=count.header, ns="count", type=Marker.TEXT_VIEW_FACING,
+    return Marker(
+        header=count.header, ns="count", id=number, type=Marker.TEXT_VIEW_FACING,
         pose=Pose(position=Point(x=x, y=y, z=z + lift)), scale=Vector3(z=place.letter_m),
-        color=_to_color(_STATUS_COLORS[count.status]), text=text)])
+        color=_to_color(_STATUS_COLORS[count.status]), text=text)
 
 
 def count_text(count: StackCount) -> str:
     """Returns what a person reads beside the stack.
 
-    That is the count, its interval and a sentence for each reason that degrades it; or the error.
+    That is the region's name, the count, its interval and a sentence for each reason that
+    degrades it; or the error.
     """
+    of_region = f"{count.region}: " if count.region else ""
     if count.error:
-        return "\n".join(textwrap.wrap(count.error, SETTINGS.line_length))
-    lines = [f"{count.count} part{'s' if count.count != 1 else ''} ({count.count_low} to "
-             f"{count.count_high}, {count.confidence:.0%})"]
+        return "\n".join(textwrap.wrap(of_region + count.error, SETTINGS.line_length))
+    parts = f"{count.count} part{'s' if count.count != 1 else ''}"
+    lines = [f"{of_region}{parts} ({count.count_low} to {count.count_high}, "
+             f"{count.confidence:.0%})"]
     for reason in from_reasons(count.reasons):
         if reason.degrades:
             lines += textwrap.wrap(reason.sentence, SETTINGS.line_length)

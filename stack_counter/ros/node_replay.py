@@ -18,7 +18,12 @@ from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
 
 from stack_counter.bag.bag_views import fit_rig_to_bag, subscribed_topics
 from stack_counter.bag.reader import BagReader
-from stack_counter.bag.replay import Replayed, count_entry, no_count_error
+from stack_counter.bag.replayed import (
+    Replayed,
+    count_entry,
+    no_count_line,
+    require_count,
+)
 from stack_counter.config import CollectorConfig, Config
 from stack_counter.counting import with_reasons
 from stack_counter.ros.conversions import from_stack_count, from_stack_volume, from_tally
@@ -45,7 +50,7 @@ SETTINGS = NodeReplaySettings()
 
 
 def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate: float,
-                 on_view: Callable[[], None], begin: float) -> Replayed:
+                 on_view: Callable[[], None], begin: float) -> list[Replayed]:
     """Plays a bag through collector, reconstructor and counter over DDS.
 
     Args:
@@ -58,6 +63,9 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
         on_view: called for each image played.
         begin: when the command began, seconds of `time.perf_counter`: imports count as loading.
 
+    Returns:
+        One result for each named region, at least one of them with a count; one without names.
+
     Raises:
         BagError: the bag has no usable topics.
         NodeError: a node died or hangs.
@@ -69,7 +77,8 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     rig = fit_rig_to_bag(load_rig(config.collector), reader.topics)
     nodes = NodeProcesses(
         replace(config, collector=_fit_collector(config.collector, rig, reader)), environment)
-    with _spinning_player(rig, reader, config.collector.mode == "cycle", nodes,
+    regions = [region.name for region in config.reconstructor.regions] or [""]
+    with _spinning_player(rig, reader, config.collector.mode == "cycle", regions, nodes,
                           int(environment["ROS_DOMAIN_ID"])) as player, nodes:
         # Start the nodes.
         player.wait_for_nodes()
@@ -78,12 +87,14 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
         scan_id = player.start_scan(part, unit_volume)
         player.play(reader, rate, on_view)
         played = time.perf_counter()
-        # Wait for its count.
+        # Wait for its counts.
         final = player.stop_scan(scan_id)
     seconds = {"load": loaded - begin, "read": played - loaded,
                "total": time.perf_counter() - begin}
     entries = config.reconstructor.live or config.collector.mode == "cycle"
-    return _collect_result(final, player, reader.truncated, bool(entries), seconds)
+    return require_count(
+        _collect_result(final[region], player, reader.truncated, bool(entries), seconds)
+        for region in regions)
 
 
 def _fit_collector(config: CollectorConfig, rig: Rig, reader: BagReader) -> CollectorConfig:
@@ -100,8 +111,8 @@ def _fit_collector(config: CollectorConfig, rig: Rig, reader: BagReader) -> Coll
 
 
 @contextmanager
-def _spinning_player(rig: Rig, reader: BagReader, cycles: bool, nodes: NodeProcesses,
-                     domain_id: int) -> Iterator[Player]:
+def _spinning_player(rig: Rig, reader: BagReader, cycles: bool, regions: list[str],
+                     nodes: NodeProcesses, domain_id: int) -> Iterator[Player]:
     """Spins a player of the bag in a thread, on a ROS domain of its own."""
     context = rclpy.context.Context()
     rclpy.init(context=context, domain_id=domain_id)
@@ -109,7 +120,7 @@ def _spinning_player(rig: Rig, reader: BagReader, cycles: bool, nodes: NodeProce
     topics = {name: reader.topics[name][0] for name in subscribed_topics(assembler)
               if name in reader.topics}
     player = Player(nodes, set(assembler.color_topics()), topics,
-                    round(rig.tolerance_s * 1e9) if cycles else 0, context)
+                    round(rig.tolerance_s * 1e9) if cycles else 0, regions, context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(player)
     spinner = threading.Thread(target=_spin, args=(executor,), daemon=True)
@@ -132,28 +143,27 @@ def _spin(executor: SingleThreadedExecutor) -> None:
 
 def _collect_result(final: StackCountMsg, player: Player, truncated: bool, entries: bool,
                     seconds: dict[str, float]) -> Replayed:
-    """Returns what the nodes have counted.
+    """Returns what the nodes have counted in one region.
 
     Args:
-        final: the last count.
-        player: has all counts and the last volume.
+        final: the region's last count.
+        player: has all counts and the last volumes.
         truncated: the bag was cut short.
         entries: list the counts of all views or cycles.
         seconds: time spent here by stage, s.
-
-    Raises:
-        ScanError: the nodes give no count.
     """
+    counts = [message for message in player.counts if message.region == final.region]
+    by_stamp = {entry["stamp_ns"]: entry for entry in
+                (_count_entry(message) for message in counts if not message.error)}
+    listed = list(by_stamp.values()) if entries else []
     if final.error:
-        raise no_count_error(final.error, from_tally(final.views), [])
-    count = from_stack_count(final, from_stack_volume(player.volume))
+        line = no_count_line(final.error, from_tally(final.views), [])
+        return Replayed(None, listed, (line,), final.region)
+    count = from_stack_count(final, from_stack_volume(player.volumes[final.region]))
     if truncated:
         count = with_reasons(count, Reason.BAG_TRUNCATED)
-    by_stamp = {entry["stamp_ns"]: entry for entry in
-                (_count_entry(message) for message in player.counts if not message.error)}
-    return Replayed(replace(count, seconds={**count.seconds, **seconds}),
-                    list(by_stamp.values()) if entries else [],
-                    tuple(message.error for message in player.counts if message.error))
+    return Replayed(replace(count, seconds={**count.seconds, **seconds}), listed,
+                    tuple(message.error for message in counts if message.error), final.region)
 
 
 def _count_entry(message: StackCountMsg) -> dict:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import importlib
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,12 +56,12 @@ class Player(Node):
     """Publishes a bag's records, at most some images ahead of the nodes.
 
     Attributes:
-        volume: last volume that the reconstructor has published.
+        volumes: last volume that the reconstructor has published of each region, by its name.
         counts: all counts that the counter has published.
     """
 
     def __init__(self, nodes: NodeProcesses, color_topics: set[str], topics: dict[str, str],
-                 cycle_ns: int, context: rclpy.context.Context):
+                 cycle_ns: int, regions: Iterable[str], context: rclpy.context.Context):
         """Makes publishers, subscriptions and clients.
 
         Args:
@@ -70,6 +70,7 @@ class Player(Node):
             topics: type names by topic, of those that the collector subscribes to.
             cycle_ns: 0, or how long a cycle's images take, ns, of a rig whose scans start by
                 themselves.
+            regions: names of those that are counted; one empty name where none is named.
             context: of the private domain.
         """
         super().__init__("player", namespace=NAMESPACE, context=context)
@@ -81,7 +82,7 @@ class Player(Node):
         self._cycle_ns, self._cycle_begin_ns = cycle_ns, -2 * cycle_ns
         self._cycle_sizes: dict[str, int] = {}  # number of images of each cycle that is closed
         self._images_finished = 0  # of cycles that the reconstructor has finished
-        self.volume = StackVolume()
+        self.volumes = {region: StackVolume() for region in regions}
         self.counts: list[StackCount] = []
         self._record_publishers: dict[str, Publisher] = {
             topic: self.create_publisher(message_type(kind), topic, _record_qos(topic, kind))
@@ -109,7 +110,8 @@ class Player(Node):
 
     def _on_volume(self, message: StackVolume) -> None:
         with self._changed:
-            self.volume = message
+            self.volumes[message.region] = message
+            self._changed.notify_all()
 
     def _on_count(self, message: StackCount) -> None:
         with self._changed:
@@ -209,8 +211,8 @@ class Player(Node):
             self._record_publishers[record.topic].publish(record.data)
         self.wait_until(lambda: self._images_ahead() <= 0, SETTINGS.settle_s)
 
-    def stop_scan(self, scan_id: str) -> StackCount:
-        """Ends the scan, or the last cycle; returns its final count.
+    def stop_scan(self, scan_id: str) -> dict[str, StackCount]:
+        """Ends the scan, or the last cycle; returns the final count of each region, by its name.
 
         Raises:
             NodeError: there is no count in time, or a node has ended.
@@ -218,13 +220,17 @@ class Player(Node):
         stopped = self._call(self._stop, StopScan.Request())
         scan_id = stopped.scan_id or scan_id
 
+        def final_counts() -> dict[str, StackCount]:
+            return {count.region: count for count in self.counts
+                    if count.final and count.scan_id == scan_id}
+
         def is_counted() -> bool:
-            last = self.counts[-1] if self.counts else StackCount()
-            return last.final and last.scan_id == scan_id == self.volume.scan_id
+            return final_counts().keys() == self.volumes.keys() and all(
+                volume.final and volume.scan_id == scan_id for volume in self.volumes.values())
 
         if not self.wait_until(is_counted, SETTINGS.count_timeout_s):
             raise NodeError(f"no count of scan '{scan_id}' within {SETTINGS.count_timeout_s} s")
-        return self.counts[-1]
+        return final_counts()
 
     def _call(self, client: Any, request: Any) -> Any:
         """Returns a service's answer."""

@@ -13,6 +13,17 @@ RELIABLE = QoSProfile(depth=100, history=HistoryPolicy.KEEP_LAST,
 LATCHED = QoSProfile(depth=20, history=HistoryPolicy.KEEP_LAST,
                      reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def latched(regions: int) -> QoSProfile:
+    """Returns the profile of a latched topic with a message for each of so many named regions.
+
+    Whoever comes late gets those of all regions.
+    """
+    return QoSProfile(depth=max(LATCHED.depth, 2 * regions),
+                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
 # Latched, but the last one only: what is shown takes some MB and replaces what was shown before.
 LATCHED_NEWEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # For readers of a latched topic that must not lose any message of it, in live mode as well.

@@ -19,7 +19,7 @@ from stack_counter_msgs.msg import ScanStatus, StackCount
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from stack_counter.config import NAMESPACE
+from stack_counter.config import NAMESPACE, load_config
 from stack_counter.ros.diagnostics import ERROR, OK, to_array
 from stack_counter.ros.processes import NODES, SupervisedProcess
 from stack_counter.ros.qos import DIAGNOSTICS, LATCHED, RELIABLE
@@ -47,9 +47,16 @@ class Supervisor(Node):
     """Restarts processes that end, and reports the scans that are lost with them."""
 
     def __init__(self, parameters: Path):
-        """Starts the nodes with a ROS parameter file for all three."""
+        """Starts the nodes with a ROS parameter file for all three.
+
+        Raises:
+            ConfigError: the file holds no such parameters.
+        """
         super().__init__("supervisor", namespace=NAMESPACE)
-        self._open_scan = ""  # id of the scan whose final count has not come
+        named = load_config(parameters).reconstructor.regions
+        self._regions = [region.name for region in named] or [""]
+        self._counted: set[str] = set()  # regions of the open scan whose final count has come
+        self._open_scan = ""  # id of the scan of which a final count has not come
         self._closed_scan = ""  # id of the scan before
         self._last_death, self._died_at = "", -SETTINGS.error_shown_s
         self._count = self.create_publisher(StackCount, "count", LATCHED)
@@ -75,10 +82,13 @@ class Supervisor(Node):
 
     def _on_count(self, message: StackCount) -> None:
         if message.final and message.scan_id == self._open_scan:
-            self._close_scan()
+            self._counted.add(message.region)
+            if self._counted >= set(self._regions):
+                self._close_scan()
 
     def _close_scan(self) -> None:
         self._closed_scan, self._open_scan = self._open_scan or self._closed_scan, ""
+        self._counted.clear()
 
     # --- processes ----------------------------------------------------------------------------
 
@@ -98,9 +108,10 @@ class Supervisor(Node):
         if self._open_scan:
             error = f"scan '{self._open_scan}' lost: {self._last_death}"
             self.get_logger().error(error)
-            self._count.publish(StackCount(
-                header=self._header_now(), scan_id=self._open_scan, final=True,
-                status=StackCount.STATUS_ERROR, error=error))
+            for region in [name for name in self._regions if name not in self._counted]:
+                self._count.publish(StackCount(
+                    header=self._header_now(), scan_id=self._open_scan, region=region, final=True,
+                    status=StackCount.STATUS_ERROR, error=error))
             self._close_scan()
         for client in self._resets:
             if client.service_is_ready():

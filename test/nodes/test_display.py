@@ -43,7 +43,7 @@ class Node:
 class Stack:
     """A scan without views."""
 
-    region, views = REGION, []
+    regions, views = [REGION], []
 
 
 @pytest.fixture
@@ -64,14 +64,14 @@ def test_a_running_result_is_shown_only_to_who_looks_and_a_final_one_always(cloc
         node.pass_time()
         return len(markers.sent), len(cloud.sent)
 
-    assert show(VOLUME, final=False) == (0, 0)
+    assert show([VOLUME], final=False) == (0, 0)
     cloud.subscribers = 1
-    assert show(VOLUME, final=False) == (0, 1) and cloud.sent[0].width == 3
+    assert show([VOLUME], final=False) == (0, 1) and cloud.sent[0].width == 3
     cloud.subscribers, markers.subscribers = 0, 1
-    assert show(VOLUME, final=False) == (1, 1)
+    assert show([VOLUME], final=False) == (1, 1)
     markers.subscribers = 0
-    assert show(VOLUME, final=True) == (2, 2)
-    assert show(None, final=True) == (3, 3)
+    assert show([VOLUME], final=True) == (2, 2)
+    assert show([], final=True) == (3, 3)
     assert [m.ns for m in markers.sent[-1].markers] == ["", "region"] and not cloud.sent[-1].width
 
 
@@ -87,7 +87,7 @@ def test_showing_leaves_most_of_the_time_to_counting(clock):
 
     def shown(at, final=False):
         clock[0] = at
-        display.show_scan(Stack(), VOLUME, HEADER, final)
+        display.show_scan(Stack(), [VOLUME], HEADER, final)
         node.pass_time()
         return len(markers.sent)
 
@@ -100,8 +100,8 @@ def test_what_is_newest_is_shown_once():
     node = Node()
     display = Display(node)
     node.pass_time()
-    display.show_scan(Stack(), VOLUME, HEADER, final=True)
-    display.show_scan(Stack(), None, HEADER, final=True)
+    display.show_scan(Stack(), [VOLUME], HEADER, final=True)
+    display.show_scan(Stack(), [], HEADER, final=True)
     assert not node.of["markers"].sent  # counting comes first
     node.pass_time()
     node.pass_time()

@@ -29,9 +29,9 @@ class Node:
         self.write = lambda: callback(Trigger.Request(), Trigger.Response())
 
 
-def start(folder):
+def start(folder, regions=0):
     made = Node()
-    made.reports = ReportService(made, str(folder))
+    made.reports = ReportService(made, str(folder), regions)
     return made
 
 
@@ -40,15 +40,16 @@ def node(tmp_path):
     return start(tmp_path / "reports")
 
 
-def volume(stamp_ns=STAMP, litres=1.0):
+def volume(stamp_ns=STAMP, litres=1.0, region=""):
     return StackVolume(stamp_ns, litres * 1e-3, 1e-5, Container("none", np.eye(4)), (0, 0, 0), 1.0,
-                       None, None, None, ViewTally(12, 12), mesh=MESH)
+                       None, None, None, ViewTally(12, 12), mesh=MESH, region=region)
 
 
-def count(scan_id, stamp_ns=STAMP, number=412, final=True, error=""):
+def count(scan_id, stamp_ns=STAMP, number=412, final=True, error="", region=""):
     return StackCount(header=to_header(stamp_ns, "base_link"), scan_id=scan_id, count=number,
                       count_low=number - 9, count_high=number + 9, confidence=0.9, gamma=0.4,
-                      unit_volume=1e-6, estimator="e", final=final, error=error)
+                      unit_volume=1e-6, estimator="e", final=final, error=error,
+                      region=region)
 
 
 def written(answer):
@@ -116,6 +117,24 @@ def test_in_continuous_mode_the_last_one_counted_is_written(node):
     node.count(count("a", STAMP + 4, 40, final=False))
     result = written(node.write())
     assert (result["count"], result["volume_m3"]) == (40, 4e-3)
+
+
+def test_every_region_of_the_last_scan_has_a_folder_of_its_own(tmp_path):
+    node = start(tmp_path, regions=3)
+    for name in ("left", "middle", "right"):  # one after the other, before any count comes
+        node.reports.keep_volume("a", True, volume(region=name))
+    node.count(count("a", number=4, region="left"))
+    node.count(count("a", error="nothing left", region="middle"))
+    assert "not counted yet" in node.write().message
+    node.count(count("a", number=5, region="right"))
+    folder = Path(node.write().message)
+    assert {path.name: json.loads((path / "result.json").read_text())["count"]
+            for path in folder.iterdir()} == {"left": 4, "right": 5}
+    node.reports.keep_volume("b", True, volume(region="left"))
+    node.count(count("b", number=6, region="left"))
+    assert [path.name for path in Path(node.write().message).iterdir()] == ["left"]
+    node.count(count("b", error="a node died"))  # the scan is lost
+    assert "scan 'b': a node died" in node.write().message
 
 
 @pytest.mark.parametrize("scan_id, name", [

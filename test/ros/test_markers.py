@@ -14,7 +14,7 @@ from stack_counter import geometry
 from stack_counter.ros.conversions import to_stack_volume
 from stack_counter.ros.markers import (
     TextPlace,
-    count_markers,
+    count_marker,
     count_text,
     scene_markers,
     surface_marker,
@@ -60,7 +60,7 @@ def points(marker):
 def test_a_scan_shows_all_in_the_frame_and_at_the_time_of_its_data():
     T = geometry.look_at(np.array([0.3, 0.4, 0.8]), np.zeros(3))
     views = [View(0, CAMERA, T), View(1, CAMERA, np.eye(4))]
-    first, *markers = scene_markers(volume(box()), REGION, views, HEADER).markers
+    first, *markers = scene_markers([volume(box())], [REGION], views, HEADER).markers
     assert first.action == Marker.DELETEALL and first.ns == ""  # an empty one means all
     shown = {m.ns: m for m in markers}
     assert list(shown) == ["container", "region", "cameras", "surface"]
@@ -79,15 +79,27 @@ def test_a_scan_shows_all_in_the_frame_and_at_the_time_of_its_data():
 
 
 @pytest.mark.parametrize("shown, expected", [
-    ((volume(), None, []), ["surface"]),
-    ((volume(mesh=None), REGION, []), ["region"]),
-    ((volume(mesh=replace(MESH, triangles=MESH.triangles[:0])), None, []), []),
-    ((None, REGION, [View(0, CAMERA, np.eye(4))]), ["region", "cameras"])],
+    (([volume()], [], []), ["surface"]),
+    (([volume(mesh=None)], [REGION], []), ["region"]),
+    (([volume(mesh=replace(MESH, triangles=MESH.triangles[:0]))], [], []), []),
+    (([], [REGION], [View(0, CAMERA, np.eye(4))]), ["region", "cameras"])],
     ids=["heap", "no mesh", "points only", "no volume"])
 def test_what_there_is_not_is_left_out_and_the_old_goes(shown, expected):
     markers = scene_markers(*shown, HEADER).markers
     assert [m.action for m in markers] == [Marker.DELETEALL] + [Marker.ADD] * len(expected)
     assert [m.ns for m in markers[1:]] == expected
+
+
+def test_regions_have_markers_of_their_own_and_one_surface():
+    other = Mesh(MESH.vertices + 1, MESH.triangles)  # by height: without colours
+    _, *markers = scene_markers([volume(box()), volume(box(at=(0.0, 0.0, 0.0)), mesh=other)],
+                                [REGION, REGION], [], HEADER).markers
+    assert [(m.ns, m.id) for m in markers] == [
+        ("container", 0), ("container", 1), ("region", 0), ("region", 1), ("surface", 0)]
+    corners = MESH.vertices[MESH.triangles[0]]
+    np.testing.assert_allclose(points(markers[-1]), np.concatenate([corners, corners + 1]),
+                               atol=1e-6)
+    assert markers[-1].colors[0].r == pytest.approx(MESH.colors[MESH.triangles[0, 0], 0] / 255)
 
 
 def test_triangles_have_the_corners_and_colours_of_the_mesh():
@@ -131,6 +143,12 @@ def test_a_cloud_without_colours_is_coloured_by_height_and_one_of_nothing_is_emp
         assert (empty.width, len(empty.data), len(empty.fields)) == (0, 0, 4)
 
 
+def test_text_of_a_region_begins_with_its_name():
+    assert count_text(StackCount(region="left", count=4, count_low=3, count_high=5,
+                                 confidence=0.9)) == "left: 4 parts (3 to 5, 90%)"
+    assert count_text(StackCount(region="left", error="2 views used")) == "left: 2 views used"
+
+
 def test_text_says_count_interval_and_confidence():
     count = StackCount(count=412, count_low=391, count_high=430, confidence=0.9)
     assert count_text(count) == "412 parts (391 to 430, 90%)"
@@ -152,7 +170,7 @@ def test_text_says_count_interval_and_confidence():
 def test_text_stands_above_its_place_and_has_the_colour_of_its_status(status, color):
     count = StackCount(header=HEADER, status=status, confidence=0.9)
     place = TextPlace(np.array([1.0, 2.0, 0.62]), 0.03)
-    marker, = count_markers(count, place).markers
+    marker = count_marker(count, place)
     assert (marker.type, marker.header, marker.ns) == (Marker.TEXT_VIEW_FACING, HEADER, "count")
     at = marker.pose.position
     assert (at.x, at.y) == (1.0, 2.0) and at.z - 0.03 / 2 > 0.62

@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What ends a count that was asked for."""
+
+from stack_counter_msgs.action import CountStack
+from stack_counter_msgs.msg import StackCount
+
+from stack_counter.nodes.count_job import CountJob
+
+
+def test_the_final_count_of_its_scan_ends_it():
+    job = CountJob(CountStack.Goal(), scan_id="a")
+    job.on_count(StackCount(scan_id="b", final=True))
+    job.on_count(StackCount(scan_id="a", count=4))
+    assert not job.scan_end.done() and job.running_count.count == 4
+    job.on_count(StackCount(scan_id="a", final=True, count=5))
+    assert job.scan_end.result() == "scan ended" and job.final_count.result().count == 5
+
+
+def test_the_count_of_one_of_several_regions_is_never_its_answer():
+    job = CountJob(CountStack.Goal(), scan_id="a")
+    job.on_count(StackCount(scan_id="a", region="left", count=4, final=True))
+    assert job.scan_end.result() == "regions" and not job.final_count.done()
+    assert job.running_count.count == 0
