@@ -5,8 +5,10 @@ import json
 from pathlib import Path
 
 import pytest
+import yaml
 from kits.bags import bag
 from kits.painted import marks, painted, unlabelled
+from kits.row_of_bins import RowOfBins
 from kits.textures import closed_container_views
 
 from stack_counter.cli import main
@@ -79,6 +81,28 @@ def test_pictures_alone_give_the_same_through_the_nodes(tmp_path, capsys):
     for key in ("count", "count_interval", "volume_m3", "volume_std_m3", "gamma", "gamma_std",
                 "container", "views", "reasons"):
         assert results[0][key] == results[1][key], key
+
+
+def test_each_region_gives_the_same_through_the_nodes(tmp_path, capsys):
+    row, nowhere = RowOfBins((True, False), gap=0.12), {"center_m": [5.0, 0.0, 0.1],
+                                                        "size_m": [0.2, 0.2, 0.2]}
+    recording, settings = bag(tmp_path, row.views()), tmp_path / "settings.yaml"
+    settings.write_text(yaml.safe_dump({"/stack_counter/reconstructor": {
+        "ros__parameters": {"regions": {"away": nowhere, **row.regions(0.05)}}}}))
+    results = {}
+    for how in ("--nodes", "--direct"):
+        out = tmp_path / f"{how}.json"
+        assert main(["replay", str(recording), "--unit-volume-cm3", str(row.unit_volume * 1e6),
+                     "--config", str(settings), "--live", "--json", str(out), how]) == 0
+        error, = capsys.readouterr().err.splitlines()[-1:]
+        assert error.startswith("stack-counter: region away: ")
+        results[how] = json.loads(out.read_text())["regions"]
+    assert [r["name"] for r in results["--nodes"]] == ["away", "bin_0", "bin_1"]
+    for ours, same in zip(results["--nodes"], results["--direct"], strict=True):
+        for key in ours.keys() - {"seconds", "container"}:
+            assert ours[key] == same[key], (ours["name"], key)
+    assert [r["count"] is None for r in results["--nodes"]] == [True, False, False]
+    assert [len(r["counts"]) for r in results["--nodes"][1:]] == [6, 6]
 
 
 def test_a_station_counts_every_cycle_and_names_the_dead_camera(tmp_path, capsys, monkeypatch):
