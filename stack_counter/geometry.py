@@ -208,6 +208,13 @@ def interpolate_pose(T_a: np.ndarray, T_b: np.ndarray, share: float) -> np.ndarr
     return pose(rotation.as_matrix(), (1 - share) * T_a[:3, 3] + share * T_b[:3, 3])
 
 
+def pose_change(T_a: np.ndarray, T_b: np.ndarray) -> tuple[float, float]:
+    """The distance, metres, and the angle, radians, between two poses, (4, 4) each."""
+    cosine = (np.trace(T_a[:3, :3].T @ T_b[:3, :3]) - 1) / 2
+    return (float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3])),
+            float(np.arccos(np.clip(cosine, -1, 1))))
+
+
 def check_intrinsics(intrinsics: Intrinsics) -> None:
     """Refuses a calibration that cannot be one.
 

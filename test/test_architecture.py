@@ -33,7 +33,8 @@ LAYERS = {
     "sim": ("occupancy", "pipeline", "bag"),
     "teaching": ("container", "occupancy", "parts", "pipeline", "bag", "sim"),
     "train": ("fusion", "container", "occupancy", "parts", "reconstruction", "pipeline", "sim"),
-    "eval": ("multiview", "occupancy", "parts", "reconstruction", "pipeline", "sim", "teaching"),
+    "eval": ("views", "multiview", "occupancy", "parts", "reconstruction", "pipeline", "sim",
+             "teaching"),
     "cli": ("*",),
 }
 FACES = {"sim", "teaching", "train"}  # of these the others import what their __init__ names

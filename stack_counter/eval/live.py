@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well the continuous mode follows a robot that takes parts out.
 
-One fixed camera, a view after each pick.
+One camera, a view after each pick, through the gate that the collector has: a view that it takes
+for a duplicate leaves the count as it was.
 
-    stack-counter evaluate live --set unseen --scenes 10
+    stack-counter evaluate live --set unseen --scenes 10 --camera returning
 """
 
 from __future__ import annotations
@@ -12,23 +13,27 @@ import argparse
 import json
 import time
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-from stack_counter.config import CounterConfig, ReconstructorConfig
+from stack_counter.config import CollectorConfig, CounterConfig, ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common import metrics
 from stack_counter.eval.common.sets import add_set_argument, read_filled_scenes
 from stack_counter.occupancy import make_estimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.pipeline import StackCounter
-from stack_counter.sim import Scene, record_fixed_camera, remove_parts
+from stack_counter.sim import Scene, record_fixed_camera, record_returning_camera, remove_parts
+from stack_counter.views.view_gate import ViewGate
 
 _CONFIDENCE = 0.9
+_CAMERAS = {"static": record_fixed_camera,
+            "tf": lambda states: [replace(v, fixed=False) for v in record_fixed_camera(states)],
+            "returning": record_returning_camera}
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--picks", type=int, default=20, metavar="K")
     parser.add_argument("--share", type=float, default=0.0, metavar="S",
                         help="take this share of the parts in K picks of several, not one each")
+    parser.add_argument("--camera", choices=list(_CAMERAS), default="static", help="a fixed one "
+                        "with its pose in /tf_static or in /tf, or an arm's that goes back and "
+                        "forth between two places (default: static)")
     parser.add_argument("--workers", type=int, default=1, metavar="W")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every stamp here")
 
@@ -67,11 +75,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Prints the figures; returns the exit code."""
     scenes = read_filled_scenes(options.set, options.scenes)
-    jobs = [(scene, options.picks, options.share) for scene in scenes]
+    jobs = [(scene, options.picks, options.share, options.camera) for scene in scenes]
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
         counts = [count for of_scene in tqdm(pool.map(_count_job, jobs), total=len(jobs),
                                              unit=" scenes") for count in of_scene]
-    print(f"{options.set}: {len(scenes)} scenes, a fixed camera, {options.picks} picks\n"
+    print(f"{options.set}: {len(scenes)} scenes, {options.camera} camera, {options.picks} picks\n"
           + format_table(counts))
     if options.json:
         options.json.write_text(json.dumps([asdict(c) for c in counts], indent=1) + "\n")
@@ -82,23 +90,28 @@ def _count_job(job: tuple) -> list[LiveCount]:
     return count_while_picking(*job)
 
 
-def count_while_picking(scene: Scene, picks: int, share: float = 0.0) -> list[LiveCount]:
+def count_while_picking(scene: Scene, picks: int, share: float = 0.0, camera: str = "static"
+                        ) -> list[LiveCount]:
     """Counts after each view of a scene that is emptied from the top.
 
-    Each pick takes one part, or so many that `share` of the parts go.
+    Args:
+        scene: full.
+        picks: number of picks, with a view before and after each.
+        share: share of the parts that goes with all of them; 0: one part each.
+        camera: `static`, `tf` or `returning`.
     """
     parts_a_pick = max(1, round(share * len(scene.poses) / picks))
     taken = min(picks * parts_a_pick, len(scene.poses) - 1)
     states = list(remove_parts(scene, taken))[::parts_a_pick]
     counter = StackCounter(ReconstructorConfig(live=True), scene.truth.unit_volume)
-    estimator = make_estimator(CounterConfig())
+    gate, estimator = ViewGate(CollectorConfig(mode="continuous")), make_estimator(CounterConfig())
     counts: list[LiveCount] = []
-    for state, view in zip(states, record_fixed_camera(states, color=False)):
-        start = time.perf_counter()
-        true = len(state.poses)
-        before = counts[-1].true if counts else true
-        estimated, low, high = None, 0, 0
+    estimated, low, high, before = None, 0, 0, len(scene.poses)
+    for state, view in zip(states, _CAMERAS[camera](states)):
+        start, true = time.perf_counter(), len(state.poses)
         try:
+            gate.check(view)
+            estimated, low, high = None, 0, 0
             counter.add_view(view)
             count = counter.count(Part(scene.truth.unit_volume), estimator, _CONFIDENCE)
             estimated, (low, high) = count.count, count.count_interval
@@ -106,6 +119,7 @@ def count_while_picking(scene: Scene, picks: int, share: float = 0.0) -> list[Li
             print(f"scene {scene.index}, {true} parts: {error}")
         counts.append(LiveCount(scene.index, scene.container.kind, true, before, estimated, low,
                                 high, time.perf_counter() - start))
+        before = true
     return counts
 
 

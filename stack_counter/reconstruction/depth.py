@@ -18,7 +18,6 @@ from stack_counter.errors import ScanError, ViewError
 from stack_counter.fusion.depth_filter import clip_depth
 from stack_counter.fusion.depth_fusion import DepthFusion
 from stack_counter.fusion.region import Region, find_region, seen_from_one_side
-from stack_counter.reconstruction.geometry_checks import find_contradictions
 from stack_counter.reconstruction.integral import MeasuredStack
 from stack_counter.reconstruction.key_view import find_key_view
 from stack_counter.reconstruction.plausibility import (
@@ -162,8 +161,7 @@ class DepthReconstruction:
             inner=stack.inner,
             key_view=None,
             views=ViewTally(),
-            reasons=(*_quality_reasons(stack, found, one_side, views, region),
-                     *find_contradictions(stack, region.noise, self._unit_volume)),
+            reasons=_quality_reasons(stack, found.sure, one_side, views, region),
             one_side=one_side,
             mesh=color_mesh(surface.mesh, views),
         )
@@ -192,13 +190,13 @@ class DepthReconstruction:
         return fusion
 
 
-def _quality_reasons(stack: MeasuredStack, found: FoundContainer, one_side: bool,
-                     views: list[View], region: Region) -> tuple[Reason, ...]:
+def _quality_reasons(stack: MeasuredStack, is_sure: bool, one_side: bool, views: list[View],
+             region: Region) -> tuple[Reason, ...]:
     """Lists what qualifies a measured stack.
 
     Args:
         stack: as measured.
-        found: the container as it was found.
+        is_sure: the container, or that there is none, is sure.
         one_side: all views come from one side.
         views: of the scan.
         region: of the scan.
@@ -208,8 +206,7 @@ def _quality_reasons(stack: MeasuredStack, found: FoundContainer, one_side: bool
         Reason.ONE_SIDE: one_side,
         Reason.LOW_COVERAGE: stack.coverage < SETTINGS.low_coverage,
         Reason.NOTHING_FOUND: is_heap and stack.stack_volume == 0,
-        Reason.CONTAINER_UNSURE: not found.sure,
-        Reason.SIZE_DISAGREES: not found.as_given,
+        Reason.CONTAINER_UNSURE: not is_sure,
         Reason.CUT_BY_IMAGE: is_heap and stack_leaves_every_image(views, region),
     }
     return tuple(reason for reason, holds in reasons.items() if holds)

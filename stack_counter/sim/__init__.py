@@ -10,7 +10,11 @@ What is named here is for `train`, `eval` and `teaching`; the rest is the simula
 
 from stack_counter.sim.camera.bags import remove_parts
 from stack_counter.sim.camera.depth_camera import DepthCamera
-from stack_counter.sim.camera.recording import record, record_fixed_camera
+from stack_counter.sim.camera.recording import (
+    record,
+    record_fixed_camera,
+    record_returning_camera,
+)
 from stack_counter.sim.hard.kinds import HARD_KINDS, hard_kind, make_hard_scan
 from stack_counter.sim.hard.piles import read_piles
 from stack_counter.sim.hard.scan import HardScan
@@ -60,6 +64,7 @@ __all__ = [
     "reconstruct_from_above",
     "record",
     "record_fixed_camera",
+    "record_returning_camera",
     "remove_parts",
     "shape_from_mesh",
     "simulate_pile",

@@ -9,7 +9,6 @@ is left, one place counts, not the whole: one part that is taken away is a chang
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -54,20 +53,6 @@ class SceneChangeSettings:
 SETTINGS = SceneChangeSettings()
 
 
-class PoseChange(NamedTuple):
-    """Difference of two poses: distance in metres, angle in radians."""
-
-    distance: float
-    angle: float
-
-
-def pose_change(T_a: np.ndarray, T_b: np.ndarray) -> PoseChange:
-    """The distance and the angle between two poses, (4, 4) each."""
-    cosine = (np.trace(T_a[:3, :3].T @ T_b[:3, :3]) - 1) / 2
-    return PoseChange(distance=float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3])),
-                      angle=float(np.arccos(np.clip(cosine, -1, 1))))
-
-
 @dataclass(frozen=True, eq=False)
 class Thumbnail:
     """A view at the size at which views are compared.
@@ -101,8 +86,12 @@ def make_thumbnail(view: View, grey: np.ndarray) -> Thumbnail:
         depth, nearest)
 
 
-def picture_change(before: Thumbnail, after: Thumbnail, motion: PoseChange) -> float:
-    """Largest change of the picture that neither motion nor exposure explains, grey levels."""
+def picture_change(before: Thumbnail, after: Thumbnail, motion: tuple[float, float]
+                   ) -> float:
+    """Largest change of the picture that neither motion nor exposure explains, grey levels.
+
+    `motion`: distance, metres, and angle, radians, between the two poses.
+    """
     low, high = _range_around(before.grey, _shift_px(after, motion))
     bright, brighter = np.maximum(before.grey, 1), np.maximum(after.grey, 1)
     ratio = float(np.median(brighter / bright))
@@ -112,26 +101,29 @@ def picture_change(before: Thumbnail, after: Thumbnail, motion: PoseChange) -> f
     return float(cv2.blur(beyond, SETTINGS.patch_px).max())
 
 
-def depth_change(before: Thumbnail, after: Thumbnail, motion: PoseChange) -> float:
+def depth_change(before: Thumbnail, after: Thumbnail, motion: tuple[float, float]
+                 ) -> float:
     """Largest change of depth that motion does not explain, over the depth squared, 1/m.
 
     Noise of a depth camera grows with the square of the depth. 0 where a view has no depth.
+    `motion`: distance, metres, and angle, radians, between the two poses.
     """
     if before.depth is None or after.depth is None:
         return 0.0
     both = np.isfinite(before.depth) & np.isfinite(after.depth)
     depth = np.where(both, after.depth, 1).astype(np.float32)
+    distance, angle = motion
     low, high = _range_around(before.depth, _shift_px(after, motion) + SETTINGS.depth_edge_px)
-    slack = SETTINGS.shift_margin * (motion.distance + motion.angle * depth)
+    slack = SETTINGS.shift_margin * (distance + angle * depth)
     beyond = np.where(both, np.maximum(depth - high - slack, 0)
                       - np.maximum(low - depth - slack, 0), 0)
     return float(np.abs(cv2.blur(beyond / depth**2, SETTINGS.patch_px)).max())
 
 
-def _shift_px(thumbnail: Thumbnail, motion: PoseChange) -> float:
+def _shift_px(thumbnail: Thumbnail, motion: tuple[float, float]) -> float:
     """Largest shift that a motion of the camera explains, pixels of the thumbnail."""
-    return SETTINGS.shift_margin * thumbnail.focal_px * (
-        motion.distance / thumbnail.nearest_m + motion.angle)
+    distance, angle = motion
+    return SETTINGS.shift_margin * thumbnail.focal_px * (distance / thumbnail.nearest_m + angle)
 
 
 def _range_around(image: np.ndarray, shift_px: float) -> tuple[np.ndarray, np.ndarray]:

@@ -186,6 +186,5 @@ class TransformBuffer:
 
 def is_still(T_a: np.ndarray, T_b: np.ndarray) -> bool:
     """Tells whether two (4, 4) poses are equal but for an encoder's last digits."""
-    turn = np.linalg.norm(T_a[:3, :3] - T_b[:3, :3]) / np.sqrt(2)  # of small angles, radians
-    return bool(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3]) <= SETTINGS.still_m
-                and turn <= SETTINGS.still_rad)
+    distance, angle = geometry.pose_change(T_a, T_b)
+    return distance <= SETTINGS.still_m and angle <= SETTINGS.still_rad

@@ -8,16 +8,15 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from stack_counter import geometry
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import ViewError
 from stack_counter.types import View
 from stack_counter.views.scene_change import (
-    PoseChange,
     Thumbnail,
     depth_change,
     make_thumbnail,
     picture_change,
-    pose_change,
 )
 
 
@@ -73,20 +72,20 @@ class ViewGate:
         # The camera must have moved, or see a change.
         thumbnail = make_thumbnail(view, grey)
         if self._last is not None:
-            motion = PoseChange(0.0, 0.0) if view.fixed else pose_change(
+            motion = (0.0, 0.0) if view.fixed else geometry.pose_change(
                 self._last.T_world_camera, view.T_world_camera)
             self._check_news(self._last, thumbnail, motion)
         self._last = thumbnail
 
-    def _check_news(self, last: Thumbnail, thumbnail: Thumbnail, motion: PoseChange) -> None:
+    def _check_news(self, last: Thumbnail, thumbnail: Thumbnail,
+                    motion: tuple[float, float]) -> None:
         """Refuses a duplicate of the last view."""
-        c = self._config
-        if motion.distance >= c.min_motion_m or motion.angle >= c.min_motion_rad:
+        c, (distance, angle) = self._config, motion
+        if distance >= c.min_motion_m or angle >= c.min_motion_rad:
             return
-        seen = (f"moved {motion.distance:.4f} m and {motion.angle:.4f} rad since the last view; "
+        seen = (f"moved {distance:.4f} m and {angle:.4f} rad since the last view; "
                 f"expected {c.min_motion_m} or {c.min_motion_rad}")
-        same_place = (motion.distance <= SETTINGS.same_place_m
-                      and motion.angle <= SETTINGS.same_place_rad)
+        same_place = distance <= SETTINGS.same_place_m and angle <= SETTINGS.same_place_rad
         if not same_place and c.mode != "continuous":
             raise ViewError("duplicate", seen)
         picture = picture_change(last, thumbnail, motion)

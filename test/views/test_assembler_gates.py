@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pytest
 from kits.moving_camera import (
     CAMERA,
     COLOR_ONLY,
+    MS,
     camera_pose,
     check_skip,
     collected,
@@ -15,7 +17,7 @@ from kits.moving_camera import (
     picture,
     stamp_of,
 )
-from kits.recording_kit import camera_info, image, transform
+from kits.recording_kit import WORLD, camera_info, image, pose_stamped, transform
 
 from stack_counter.views.assembler import ViewAssembler
 
@@ -55,6 +57,43 @@ def test_one_part_taken_away_is_a_change():
         feed(assembler, i, image(shown, "rgb8", stamp_of(i)), camera_info(k, stamp_of(i)),
              tf=False)
     assert [v.stamp_ns for v in assembler.flush()] == [stamp_of(0), stamp_of(2)]
+
+
+@pytest.mark.parametrize("mode", ["scan", "continuous"])
+@pytest.mark.parametrize("source", ["tf_static", "tf", "joints at 2 Hz", "topic"])
+def test_a_camera_that_stands_sees_every_part_taken_wherever_its_pose_comes_from(mode, source):
+    """Four pictures, two images of each; parts are taken in between."""
+    config = replace(COLOR_ONLY, mode=mode, pose_source="topic" if source == "topic" else "tf",
+                     world_frame=WORLD)
+    assembler = ViewAssembler(config, live=False)
+    if source == "tf_static":
+        assembler.add_transform(transform(0, camera_pose(0)), True)
+    for i in range(8):
+        feed(assembler, i, image(picture(i // 2), "rgb8", stamp_of(i)), tf=False)
+        for offset in (-20, 20):
+            stamp = stamp_of(i) + offset * MS
+            if source == "tf":
+                assembler.add_transform(transform(stamp, camera_pose(0)), False)
+            if source == "topic":
+                assembler.add_pose(pose_stamped(stamp, camera_pose(0)))
+    for i in range(4) if source == "joints at 2 Hz" else ():
+        assembler.add_transform(transform(i * 500 * MS, camera_pose(0)), False)
+    assert [v.stamp_ns for v in assembler.flush()] == [stamp_of(i) for i in (0, 2, 4, 6)]
+    assert assembler.tally.skipped == {"duplicate": 4}
+
+
+@pytest.mark.parametrize("mode", ["scan", "continuous"])
+def test_a_camera_that_is_brought_back_sees_the_change(mode):
+    """Its pose is off by 0.3 mm each time; that alone is nothing new."""
+    assembler = ViewAssembler(replace(COLOR_ONLY, mode=mode), live=False)
+    smooth = [cv2.GaussianBlur(picture(seed), (0, 0), 3) for seed in (0, 1)]
+    for i, seed in enumerate((0, 0, 1, 1, 0)):
+        feed(assembler, i, image(smooth[seed], "rgb8", stamp_of(i)), tf=False)
+        T = camera_pose(0)
+        T[0, 3] += 0.0003 * (i % 3)
+        for offset in (-20, 20):
+            assembler.add_transform(transform(stamp_of(i) + offset * MS, T), False)
+    assert [v.stamp_ns for v in assembler.flush()] == [stamp_of(i) for i in (0, 2, 4)]
 
 
 def test_fixed_camera_that_changes_its_size():

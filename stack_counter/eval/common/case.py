@@ -16,8 +16,7 @@ class Guess:
         gamma, count: the estimates.
         low, high: interval of the count.
         seconds: time that the estimate took.
-        reasons: why it may be wrong, of V and of the estimate.
-        status: of the count.
+        reasons: why it may be wrong.
     """
 
     gamma: float
@@ -26,7 +25,6 @@ class Guess:
     high: int
     seconds: float
     reasons: tuple[Reason, ...]
-    status: str
 
 
 @dataclass(frozen=True)

@@ -92,6 +92,30 @@ def record_fixed_camera(states: list[Scene], seed: int = 0, color: bool = True) 
             for i, state in enumerate(states)]
 
 
+def record_returning_camera(states: list[Scene], places: int = 2, seed: int = 0,
+                            color: bool = True) -> list[View]:
+    """Records a view of each state of a scene by an arm's camera that goes from place to place.
+
+    It comes back to each place again and again; its reported pose is off by another error each
+    time, as those of an arc of views are.
+
+    Args:
+        states: states of the same scene, e.g. with fewer and fewer parts.
+        places: number of places, which take turns.
+        seed: seed of the poses, the noise and the materials.
+        color: render colour too (seconds a view).
+    """
+    random = np.random.default_rng([seed, states[0].index, 0xBC])
+    poses, sensor = arc_poses(*states[0].bounds(), places, random), DepthCamera()
+    materials = seed if color else None
+    views = []
+    for i, state in enumerate(states):
+        T = poses[i % places]
+        views.append(_render_view(Renderer(state), T, perturb_pose(T, random),
+                                  (i + 1) * SETTINGS.step_ns, sensor, random, materials))
+    return [replace(view, labels=None) for view in views]
+
+
 def record_station(states: list[Scene], cameras: int = 4, seed: int = 0, color: bool = True
                    ) -> dict[str, list[View]]:
     """Records every state of a scene by fixed cameras around the bin, all at the same time.

@@ -7,7 +7,6 @@ import pytest
 from stack_counter import geometry
 from stack_counter.sim.camera.depth_camera import DepthCamera, perturb_pose
 from stack_counter.types import Intrinsics
-from stack_counter.views.scene_change import pose_change
 
 
 @pytest.mark.parametrize("z", [0.4, 0.6, 0.9])
@@ -33,7 +32,7 @@ def test_depth_is_torn_at_edges():
 def test_pose_noise_has_its_size():
     random = np.random.default_rng(0)
     T = geometry.look_at(np.array([0.3, 0.1, 0.5]), np.zeros(3))
-    changes = np.array([pose_change(T, perturb_pose(T, random)) for _ in range(400)])
+    changes = np.array([geometry.pose_change(T, perturb_pose(T, random)) for _ in range(400)])
     # The norm of three normal errors has a root mean square of sqrt(3) times theirs.
     rms = np.sqrt((changes**2).mean(axis=0))
     assert rms == pytest.approx([3**0.5 * 0.0005, 3**0.5 * np.deg2rad(0.05)], rel=0.1)
