@@ -10,6 +10,7 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.construction import (
+    has_given_size,
     make_configured_container,
     make_fitted_container,
     no_container,
@@ -82,10 +83,12 @@ class FoundContainer:
     Attributes:
         container: of kind `none` where it found none.
         sure: False if it is `none` though something rim-like stands around the stack.
+        as_given: False if its size, as found, is not the configured one.
     """
 
     container: Container
     sure: bool
+    as_given: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +135,8 @@ def find_container(surface: FusedSurface, views: list[View], region: Region, vox
     if candidate is not None and _is_accepted(candidate, views, region):
         container = make_fitted_container(candidate.wall.shape, candidate.wall.thickness,
                                           candidate.rim.height, region, config)
-        return FoundContainer(container, True)
+        return FoundContainer(container, True, has_given_size(
+            candidate.wall.shape, candidate.wall.thickness, candidate.rim.height, config))
     if config.container_kind != "auto":
         raise ScanError(f"no {config.container_kind} container found: a level rim on "
                         f"{rim.outline_share if rim else 0.0:.0%} of its outline, a wall below it "

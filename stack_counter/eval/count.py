@@ -7,11 +7,12 @@ stack-counter evaluate count --set unseen
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 
 import numpy as np
 
 from stack_counter.eval.common import metrics
-from stack_counter.eval.common.case import Case
+from stack_counter.eval.common.case import Case, Guess
 from stack_counter.eval.common.cases import ROWS, add_arguments, group_cases, report_cases
 
 __all__ = ["add_arguments", "format_table", "run"]
@@ -44,8 +45,17 @@ def format_table(cases: list[Case]) -> str:
     error = {f: float(np.mean([c.guesses["ours"].count / c.count - 1 for c in group]))
              for f, group in families.items()}
     worst = sorted(error, key=lambda f: -abs(error[f]))[:_WORST_FAMILIES]
+    lines.append(_format_flagged([c.guesses["ours"] for c in done]))
     lines.append("worst families: " + ", ".join(f"{f} {error[f]:+.0%}" for f in worst))
     return "\n".join(lines)
+
+
+def _format_flagged(guesses: list[Guess]) -> str:
+    """How many counts are degraded, and how often each reason was given that degrades."""
+    flagged = [g for g in guesses if g.status != "ok"]
+    reasons = Counter(str(r) for g in flagged for r in g.reasons if r.degrades)
+    return (f"degraded: {len(flagged)} of {len(guesses)} ({len(flagged) / len(guesses):.0%})"
+            + "".join(f", {reason} {n}" for reason, n in reasons.most_common()))
 
 
 def _format_line(title: str, cases: list[Case], row: str) -> str:

@@ -13,21 +13,27 @@ from stack_counter.types import Reason
 
 @dataclass(frozen=True)
 class DoubtSettings:
-    """From when on an estimate is doubted, and how much its spread widens; all chosen.
+    """From when on an estimate is doubted, and how much its spread widens.
 
-    Calibration widens as the run time does, so that its scores hold for doubted stacks too.
+    Calibration widens as the run time does, so that its scores hold for doubted stacks too. A
+    reason is given later than the spread widens: only where hardly any stack of training lies.
 
     Attributes:
         fewest_parts: parts of the smallest training piles.
-        shallow_height: mean height, part lengths, below which parts lie scattered.
-        least_width: part sizes that the container must be wide. Training's are 4 or more; the
-            part size as the network estimates it is off by a tenth.
-        widening: factor of the spread where there is a reason.
+        shallow_height: mean height, part lengths, below which parts lie scattered; chosen.
+        least_width: part sizes that the container must be wide; chosen. Training's are 4 or
+            more; the part size as the network estimates it is off by a tenth.
+        named_width: part sizes of the container's width below which `large_part` is said.
+        named_distance: distance from training, in its reach, above which `unlike_training` is
+            said.
+        widening: factor of the spread where there is a doubt; chosen.
     """
 
     fewest_parts: int = 12
     shallow_height: float = 0.35
     least_width: float = 3.5
+    named_width: float = 2.75
+    named_distance: float = 1.1
     widening: float = 1.5
 
 
@@ -79,12 +85,15 @@ def assess_doubt(maps: StackMaps, parts: float, part_size: float, walled: bool,
         domain: what the network has learnt from.
     """
     distance = domain.distance(maps)
-    narrowest = min(maps.valid.shape) / PIXELS_PER_LENGTH
+    width = min(maps.valid.shape) / PIXELS_PER_LENGTH / part_size if walled else np.inf
+    is_shallow = maps.height[maps.valid].mean() < SETTINGS.shallow_height
+    has_few = parts < SETTINGS.fewest_parts
     holds = {
-        Reason.SHALLOW_STACK: maps.height[maps.valid].mean() < SETTINGS.shallow_height,
-        Reason.FEW_PARTS: parts < SETTINGS.fewest_parts,
-        Reason.LARGE_PART: walled and narrowest < SETTINGS.least_width * part_size,
-        Reason.UNLIKE_TRAINING: distance > 1,
+        Reason.SHALLOW_STACK: is_shallow,
+        Reason.FEW_PARTS: has_few,
+        Reason.LARGE_PART: width < SETTINGS.named_width,
+        Reason.UNLIKE_TRAINING: distance > SETTINGS.named_distance,
     }
-    reasons = tuple(reason for reason, is_so in holds.items() if is_so)
-    return Doubt(reasons, max(distance, SETTINGS.widening if reasons else 1.0))
+    is_doubted = is_shallow or has_few or width < SETTINGS.least_width or distance > 1
+    return Doubt(tuple(reason for reason, is_so in holds.items() if is_so),
+                 max(distance, SETTINGS.widening if is_doubted else 1.0))

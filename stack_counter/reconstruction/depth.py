@@ -18,6 +18,7 @@ from stack_counter.errors import ScanError, ViewError
 from stack_counter.fusion.depth_filter import clip_depth
 from stack_counter.fusion.depth_fusion import DepthFusion
 from stack_counter.fusion.region import Region, find_region, seen_from_one_side
+from stack_counter.reconstruction.geometry_checks import find_contradictions
 from stack_counter.reconstruction.integral import MeasuredStack
 from stack_counter.reconstruction.key_view import find_key_view
 from stack_counter.reconstruction.plausibility import (
@@ -161,7 +162,8 @@ class DepthReconstruction:
             inner=stack.inner,
             key_view=None,
             views=ViewTally(),
-            reasons=_quality_reasons(stack, found.sure, one_side, views, region),
+            reasons=(*_quality_reasons(stack, found, one_side, views, region),
+                     *find_contradictions(stack, region.noise, self._unit_volume)),
             one_side=one_side,
             mesh=color_mesh(surface.mesh, views),
         )
@@ -190,13 +192,13 @@ class DepthReconstruction:
         return fusion
 
 
-def _quality_reasons(stack: MeasuredStack, is_sure: bool, one_side: bool, views: list[View],
-             region: Region) -> tuple[Reason, ...]:
+def _quality_reasons(stack: MeasuredStack, found: FoundContainer, one_side: bool,
+                     views: list[View], region: Region) -> tuple[Reason, ...]:
     """Lists what qualifies a measured stack.
 
     Args:
         stack: as measured.
-        is_sure: the container, or that there is none, is sure.
+        found: the container as it was found.
         one_side: all views come from one side.
         views: of the scan.
         region: of the scan.
@@ -206,7 +208,8 @@ def _quality_reasons(stack: MeasuredStack, is_sure: bool, one_side: bool, views:
         Reason.ONE_SIDE: one_side,
         Reason.LOW_COVERAGE: stack.coverage < SETTINGS.low_coverage,
         Reason.NOTHING_FOUND: is_heap and stack.stack_volume == 0,
-        Reason.CONTAINER_UNSURE: not is_sure,
+        Reason.CONTAINER_UNSURE: not found.sure,
+        Reason.SIZE_DISAGREES: not found.as_given,
         Reason.CUT_BY_IMAGE: is_heap and stack_leaves_every_image(views, region),
     }
     return tuple(reason for reason, holds in reasons.items() if holds)

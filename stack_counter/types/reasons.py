@@ -63,6 +63,19 @@ class Reason(str, Enum):
     CUT_BY_IMAGE = (
         "cut_by_image", "The heap reaches the border of every image, so some of it may be "
         "missing; move the camera back or aim it at the heap.", True)
+    STEEP_HEAP = (
+        "steep_heap", "What stands on the support plane falls off more steeply than loose parts "
+        "can, as a container that was not found or foreign objects do; configure the container, "
+        "or clear the place.", True)
+    BELOW_FLOOR = (
+        "below_floor", "Much of the surface lies below the floor that the container is said to "
+        "have; check its configured size, and what it stands on.", True)
+    MOSTLY_INFERRED = (
+        "mostly_inferred", "Much of V lies where no view saw and was inferred from what lies "
+        "around it; add views that look into the container.", True)
+    SIZE_DISAGREES = (
+        "size_disagrees", "The container that was found has another size than the configured "
+        "one; check container_inner_size_m, or leave it at zeros to have it measured.", True)
     VIEWS_LOST = (
         "views_lost", "Views that the collector had sent never reached the reconstructor, so V "
         "rests on fewer; check network and load of the machines, then scan again.", True)
@@ -79,14 +92,14 @@ class Reason(str, Enum):
         "shallow_stack", "The parts lie scattered rather than piled, which training hardly "
         "covers; the interval is wider, and a fuller container narrows it.")
     FEW_PARTS = (
-        "few_parts", "There are fewer parts than in the training piles; the interval is wider, "
-        "and counting by hand is quick.")
+        "few_parts", "There are fewer parts than in the training piles, so that gamma is hardly "
+        "known; the interval is wider, and counting by hand is quick.", True)
     LARGE_PART = (
         "large_part", "The container is only a few part sizes wide, less than in training; check "
-        "the part's volume, or count such parts in a wider container.")
+        "the part's volume, or count such parts in a wider container.", True)
     UNLIKE_TRAINING = (
         "unlike_training", "The surface is unlike all that the network learnt from, as with a "
-        "wrong part volume, ordered packing or foreign objects; check part and container.")
+        "wrong part volume, ordered packing or foreign objects; check part and container.", True)
     PART_DISAGREES = (
         "part_disagrees", "The estimator contradicts what is known of this part, as with another "
         "part in the container, ordered packing or foreign objects; check the content.", True)

@@ -227,8 +227,9 @@ def _have_same_pixels(a: Intrinsics, b: Intrinsics) -> bool:
     if a == b:
         return True
     length = max(len(a.distortion), len(b.distortion))
-    distortions = [np.pad(k.distortion, (0, length - len(k.distortion))) for k in (a, b)]
+    distortion_a, distortion_b = (
+        np.pad(k.distortion, (0, length - len(k.distortion))) for k in (a, b))
     return (a.width, a.height) == (b.width, b.height) \
         and np.allclose((a.fx, a.fy, a.cx, a.cy), (b.fx, b.fy, b.cx, b.cy), rtol=0,
                         atol=SETTINGS.same_px) \
-        and np.allclose(*distortions, rtol=0, atol=SETTINGS.same_distortion)
+        and np.allclose(distortion_a, distortion_b, rtol=0, atol=SETTINGS.same_distortion)

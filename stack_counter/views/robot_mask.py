@@ -96,16 +96,19 @@ class RobotMask:
                 ) -> np.ndarray:
         """(h, w) float32 depth of the robot alone, metres, infinite where it is not."""
         import open3d as o3d  # slow to load, and only needed here
+        import open3d.core as o3c
 
         self._model.update_cfg(dict(positions))
         T_camera_base = geometry.inverse(view.T_world_camera) @ T_world_base
         scene = o3d.t.geometry.RaycastingScene()
         for node, solid in self._solids:
             T = T_camera_base @ self._model.scene.graph[node][0]
-            scene.add_triangles(geometry.apply(T, solid.vertices).astype(np.float32),
-                                solid.faces.astype(np.uint32))
+            scene.add_triangles(
+                o3c.Tensor(geometry.apply(T, solid.vertices).astype(np.float32)),
+                o3c.Tensor(solid.faces.astype(np.uint32)))
         rays = geometry.pixel_rays(view.intrinsics)
-        hits = scene.cast_rays(np.concatenate([rays * np.float32(SETTINGS.nearest_m), rays], -1))
+        hits = scene.cast_rays(o3c.Tensor(
+            np.concatenate([rays * np.float32(SETTINGS.nearest_m), rays], -1)))
         return hits["t_hit"].numpy() + np.float32(SETTINGS.nearest_m)
 
 

@@ -24,7 +24,7 @@ from stack_counter.bag.bag_views import BagViews
 from stack_counter.bag.replay import measure_bag
 from stack_counter.config import CollectorConfig, Config
 from stack_counter.views.assembler import ViewAssembler
-from stack_counter.views.depth_stream import depth_camera_info_topic
+from stack_counter.views.depth_stream import FoundDepth, depth_camera_info_topic
 
 OWN = CollectorConfig(depth_topic=OWN_DEPTH)
 
@@ -158,6 +158,17 @@ def test_two_cameras_of_one_kind_side_by_side_are_told_apart_by_tf():
     (view,) = assembler.poll()
     shift = round(0.02 * CAMERA.fx / 0.5)
     assert not view.depth[:, :shift].any() and view.depth[:, shift + 1:].all()
+
+
+def test_lenses_that_distort_are_rectified_first():
+    """The view becomes a pinhole camera's, since depth is projected into its pixels."""
+    (view,) = live("", config=WITH_DEPTH).poll()
+    bent = replace(view, intrinsics=replace(CAMERA, distortion=(0.1, -0.05, 0.0, 0.0, 0.0)))
+    depth = FoundDepth(METRES, replace(CAMERA, fx=50.0, fy=50.0, distortion=()), T_BESIDE)
+    straight, registered = depth.added_to(view), depth.added_to(bent)
+    assert not registered.intrinsics.distortion
+    np.testing.assert_array_equal(registered.depth, straight.depth)
+    assert not np.array_equal(registered.color, straight.color)
 
 
 def test_a_topic_that_is_named_must_speak():

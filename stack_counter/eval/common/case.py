@@ -16,7 +16,8 @@ class Guess:
         gamma, count: the estimates.
         low, high: interval of the count.
         seconds: time that the estimate took.
-        reasons: why it may be wrong.
+        reasons: why it may be wrong, of V and of the estimate.
+        status: of the count.
     """
 
     gamma: float
@@ -25,6 +26,7 @@ class Guess:
     high: int
     seconds: float
     reasons: tuple[Reason, ...]
+    status: str
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ def _guess_count(estimator: OccupancyEstimator, volume: StackVolume, unit_volume
     estimate = estimator.estimate(volume, unit_volume)
     count = make_count(volume, unit_volume, estimate, confidence)
     return Guess(estimate.gamma, count.count, *count.count_interval,
-                 time.perf_counter() - start, estimate.reasons)
+                 time.perf_counter() - start, count.reasons, count.status)
 
 
 def ideal_volume(scene: Scene) -> StackVolume:

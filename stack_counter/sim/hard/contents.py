@@ -44,9 +44,9 @@ class ContentSettings:
     depth_parts: tuple[float, float] = (0.7, 1.5)
     wall_m: float = 0.003
     tries: int = 200
-    room_m: tuple[float, float] = (0.5, 1.2)
-    eye_m: tuple[float, float] = (-1.2, -0.1)
-    eye_height_m: tuple[float, float] = (0.8, 1.6)
+    room_m: tuple[float, float] = (0.35, 0.6)
+    eye_m: tuple[float, float] = (-0.6, -0.05)
+    eye_height_m: tuple[float, float] = (0.5, 0.9)
     clutter: tuple[int, int] = (3, 8)
     thing_m: tuple[float, float] = (0.03, 0.15)
 

@@ -2,6 +2,7 @@
 """The tables of `evaluate gamma` and `evaluate count`."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,12 +14,13 @@ from stack_counter.eval.common.cases import ROWS, group_cases, ideal_volume
 from stack_counter.eval.common.plot import plot_complexity
 from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.sim import read_scenes
+from stack_counter.types import Reason
 
 
 def case(i, factor=1.0, held=True, kind="bin"):
     true = 100 + 10 * i
     guess = Guess(0.5 * factor, round(true * factor), true - 5 if held else true + 1, true + 20,
-                  0.01, ())
+                  0.01, (), "ok")
     return Case(i, f"family{i % 3}", kind, true, 0.5 + (i % 2) / 1e6, 0.2 + 0.1 * i, i / 10, 0.01,
                 {row: guess for row in ROWS})
 
@@ -28,6 +30,15 @@ def test_a_perfect_pipeline_has_no_error():
     line = next(x for x in count.format_table(cases).splitlines() if x.startswith("ours  "))
     assert line.split()[1:6] == ["8", "0.000", "0.000", "0.0", "0.0"]
     assert "1.00 (0.68 to 1.00)" in line
+    assert "degraded: 0 of 8 (0%)" in count.format_table(cases)
+
+
+def test_degraded_counts_are_told_by_reason():
+    cases = [case(i) for i in range(4)]
+    ours = cases[1].guesses["ours"]
+    cases[1].guesses["ours"] = replace(ours, status="degraded", reasons=(
+        Reason.FEW_PARTS, Reason.SHALLOW_STACK))
+    assert "degraded: 1 of 4 (25%), few_parts 1\n" in count.format_table(cases)
 
 
 def test_ten_percent_too_many_and_half_of_the_intervals_missed():

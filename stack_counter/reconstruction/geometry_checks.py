@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a measured stack can be what it is taken for: its geometry checks itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from stack_counter.reconstruction.integral import MeasuredStack
+from stack_counter.types import Reason
+
+
+@dataclass(frozen=True)
+class GeometryCheckSettings:
+    """From when on a stack contradicts itself.
+
+    Attributes:
+        wall_cells: cells next to a wall, in which the fused surface is the wall's; chosen.
+        below_floor_m: depth below the claimed floor, m, at which a surface contradicts it; chosen.
+        below_floor_noise: the same in standard deviations of a depth point; chosen.
+        max_below_floor: largest share of the opening in which it may; chosen.
+        max_inferred: largest share of V that may lie where no view saw; chosen.
+        border_lengths: width of a heap's border strip, part lengths; chosen.
+        steep_lengths: height above which that strip is a cliff, part lengths; chosen.
+        max_steep: largest share of the strip that may be; at most 0.11 on 200 heaps of
+            train-shallow, train-deep and train-compound, seen ideally.
+    """
+
+    wall_cells: float = 2.5
+    below_floor_m: float = 0.008
+    below_floor_noise: float = 5.0
+    max_below_floor: float = 0.12
+    max_inferred: float = 0.35
+    border_lengths: float = 0.75
+    steep_lengths: float = 3.0
+    max_steep: float = 0.2
+
+
+SETTINGS = GeometryCheckSettings()
+
+
+def find_contradictions(stack: MeasuredStack, depth_noise_m: float, unit_volume: float
+                        ) -> tuple[Reason, ...]:
+    """Lists in which ways a measured stack contradicts itself.
+
+    Args:
+        stack: as measured.
+        depth_noise_m: standard deviation of a depth point, m.
+        unit_volume: volume of one part, m3; 0 where it is not known.
+    """
+    is_heap = stack.container.kind == "none"
+    holds = {
+        Reason.BELOW_FLOOR: not is_heap and _share_below_floor(stack, depth_noise_m)
+        > SETTINGS.max_below_floor,
+        Reason.MOSTLY_INFERRED: stack.integral.filled_in
+        > SETTINGS.max_inferred * stack.stack_volume,
+        Reason.STEEP_HEAP: is_heap and unit_volume > 0
+        and _steep_share(stack, unit_volume ** (1 / 3)) > SETTINGS.max_steep,
+    }
+    return tuple(reason for reason, is_so in holds.items() if is_so)
+
+
+def _share_below_floor(stack: MeasuredStack, depth_noise_m: float) -> float:
+    """Share of the opening's seen cells whose surface lies below the container's own."""
+    fill = stack.top.heights - stack.inner.heights
+    known = np.isfinite(fill) & stack.seen \
+        & (_cells_to_border(np.isfinite(fill)) > SETTINGS.wall_cells)
+    if not known.any():
+        return 0.0
+    limit = max(SETTINGS.below_floor_m, SETTINGS.below_floor_noise * depth_noise_m)
+    return float(np.mean(fill[known] < -limit))
+
+
+def _steep_share(stack: MeasuredStack, part_length: float) -> float:
+    """Share of a heap's border strip that is higher than loose parts stand there."""
+    heights = stack.top.heights
+    footprint = np.isfinite(heights)
+    strip = footprint & (_cells_to_border(footprint) * stack.top.pitch
+                         <= SETTINGS.border_lengths * part_length)
+    if not strip.any():
+        return 0.0
+    return float(np.mean(heights[strip] > SETTINGS.steep_lengths * part_length))
+
+
+def _cells_to_border(cells: np.ndarray) -> np.ndarray:
+    """Distance of each of (rows, cols) bool cells from the nearest that is not set, cells."""
+    return ndimage.distance_transform_edt(np.pad(cells, 1))[1:-1, 1:-1]
