@@ -36,6 +36,25 @@ def test_without_a_file_there_is_one_camera_as_configured():
     assert list(RigAssembler(one).topic_handlers()) == ["/c", "/camera/color/camera_info"]
 
 
+def test_a_depth_camera_of_its_own_is_placed_by_static_transforms(tmp_path):
+    """Poses of the rig file need no TF, depth that is not aligned does."""
+    pose = "{xyz_m: [0, 0, 1], quaternion_xyzw: [0, 0, 0, 1]}"
+    text = "cameras: {a: {color_topic: /a/image, camera_info_topic: /a/info, pose: %s%s}}"
+    path = tmp_path / "rig.yaml"
+    path.write_text(text % (pose, ""))
+    assert RigAssembler(rig(path)).tf_topics() == []
+    path.write_text(text % (pose, ", depth_topic: /a/depth/image"))
+    both = RigAssembler(rig(path))
+    assert both.tf_topics() == ["/tf_static"] and not both.needs_tf
+    assert list(both.topic_handlers()) == ["/a/image", "/a/info", "/a/depth/image",
+                                           "/a/depth/camera_info"]
+    path.write_text(text % (pose, ", depth_topic: /a/depth/image, depth_camera_info_topic: /k"))
+    assert "/k" in RigAssembler(rig(path)).topic_handlers()
+    # What the settings say of one camera is not said of those of a rig file.
+    path.write_text(text % (pose, ", depth_topic: /a/depth/image"))
+    assert "/k" not in RigAssembler(rig(path, depth_camera_info_topic="/k")).topic_handlers()
+
+
 def test_a_cycle_counts_whether_anything_has_changed_or_not():
     assert load_rig(CollectorConfig(mode="cycle")).cameras[0].config.min_change == 0
     assert load_rig(CollectorConfig()).cameras[0].config.min_change > 0

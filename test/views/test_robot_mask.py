@@ -89,10 +89,20 @@ def test_a_package_elsewhere_is_found_by_the_ament_prefix_path(tmp_path, monkeyp
     assert RobotMask(alone).base_link == "robot_base"
 
 
+@pytest.mark.parametrize("suffix, said", [
+    (".stl", "or a mesh of it, cannot be read"), (".obj", "no triangles in a mesh"),
+    (".dae", "or a mesh of it, cannot be read")])
+def test_a_mesh_that_is_none_is_refused(tmp_path, suffix, said):
+    path = write_urdf(tmp_path, f"../meshes/none{suffix}")
+    (tmp_path / "arm_description" / "meshes" / f"none{suffix}").write_text("v 0 0 0\n")
+    with pytest.raises(ConfigError, match=said):
+        RobotMask(path)
+
+
 @pytest.mark.parametrize("text, said", [
     (None, "no URDF .*expected the file that robot_description_file names"),
-    ("no xml", "is no URDF that can be used"),
-    ("<robot name='a'><link name='b'/></robot>", "has no geometry"),
+    ("no xml", "or a mesh of it, cannot be read .*; expected URDF"),
+    ("<robot name='a'><link name='b'/></robot>", "no triangles in any link"),
     (URDF.replace("prismatic", "floating"), "joint slide \\(floating\\); expected one of")])
 def test_what_cannot_be_used_is_refused(tmp_path, text, said):
     path = tmp_path / "arm.urdf"
