@@ -163,7 +163,7 @@ class DepthReconstruction:
             key_view=None,
             views=ViewTally(),
             reasons=(*_quality_reasons(stack, found, one_side, views, region),
-                     *find_contradictions(stack, region.noise, self._unit_volume)),
+                     *find_contradictions(stack, self._unit_volume)),
             one_side=one_side,
             mesh=color_mesh(surface.mesh, views),
         )
