@@ -114,12 +114,15 @@ class NetworkEstimator(OccupancyEstimator):
 
     @override
     def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
+        empty = OccupancyEstimate(SETTINGS.empty_gamma, SETTINGS.empty_std, self._scores,
+                                  self.name)
+        if volume.stack_volume == 0 and volume.container.kind == "none":
+            return empty  # nothing stands on the support plane, so there is no surface to read
         maps = self._read_maps(volume, unit_volume)
         if maps is None:
             return self._without_depth.estimate(volume, unit_volume)
         if not maps.height.any():
-            return OccupancyEstimate(SETTINGS.empty_gamma, SETTINGS.empty_std, self._scores,
-                                     self.name)
+            return empty
         # Predict; take out the median error on families left out.
         prediction = predict_gamma(self._members, maps)
         center = self._centers[int(volume.one_side)]

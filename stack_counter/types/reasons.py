@@ -55,7 +55,7 @@ class Reason(str, Enum):
         "there; add views that look into the container.", True)
     NOTHING_FOUND = (
         "nothing_found", "Neither a container nor parts were found, so the count is 0; if there "
-        "are some, check the region of interest, the camera poses and the labels.")
+        "are some, check the region of interest, the camera poses and the labels.", True)
     CONTAINER_UNSURE = (
         "container_unsure", "Something like a rim was seen but no container could be fitted, so "
         "all was counted as a heap; show the whole rim, or configure or teach the container.",

@@ -9,6 +9,7 @@ import torch
 from kits.surfaces import sine_hills, stack_volume_of_heights
 
 from stack_counter.config import CounterConfig
+from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, WeightsError
 from stack_counter.occupancy import make_estimator
 from stack_counter.occupancy.baselines import Baselines, Prior
@@ -18,6 +19,7 @@ from stack_counter.occupancy.maps import stack_maps, surface_features
 from stack_counter.occupancy.network import NetworkEstimator, predict_gamma
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.informed_gamma import estimate_occupancy, tuned_estimator
+from stack_counter.types import Container
 
 V = 0.012**3
 
@@ -101,6 +103,13 @@ def test_an_empty_container_needs_no_gamma(weights):
         .reasons
         == ()
     )
+
+
+def test_an_empty_support_plane_counts_nothing(weights):
+    plane = replace(stack_volume_of_heights(np.full((10, 10), np.nan)), stack_volume=0.0,
+                    container=Container("none", np.eye(4)))
+    count = make_count(plane, V, network(weights).estimate(plane, V), 0.9)
+    assert (count.count, count.count_interval) == (0, (0, 0))
 
 
 def test_nan_heights_everywhere_are_refused(weights):
