@@ -17,6 +17,10 @@ class PartError(StackCounterError):
     """The part is unknown or its unit volume is not a positive number. The user names another."""
 
 
+class MeshError(StackCounterError):
+    """A CAD file is not the one solid that is expected. The user mends it, or names another."""
+
+
 class BagError(StackCounterError):
     """A recording cannot be read or lacks what a count needs. The user records again."""
 

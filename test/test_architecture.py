@@ -31,7 +31,7 @@ LAYERS = {
     "nodes": ("views", "display", "occupancy", "parts", "pipeline", "region_counters",
               "bag.recorder", "ros"),
     "sim": ("occupancy", "pipeline", "bag"),
-    "teaching": ("container", "occupancy", "parts", "pipeline", "bag", "sim"),
+    "teaching": ("fusion", "container", "occupancy", "parts", "pipeline", "bag", "sim"),
     "train": ("fusion", "container", "occupancy", "parts", "reconstruction", "pipeline", "sim"),
     "eval": ("views", "multiview", "occupancy", "parts", "reconstruction", "pipeline", "sim",
              "teaching"),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `stack-counter container`: teach an empty container, list those taught."""
+"""The command `stack-counter container`: teach an empty one or its CAD file, list those taught."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import argparse
 from pathlib import Path
 
 from stack_counter.cli.common import add_config_argument, progress_bar, require_bag
-from stack_counter.config import load_config
+from stack_counter.config import Config, load_config
 from stack_counter.container.catalogue import (
+    TaughtContainer,
     catalogue_path,
     describe_container,
     load_containers,
@@ -16,15 +17,27 @@ from stack_counter.container.catalogue import (
 )
 from stack_counter.files import config_path
 
+_UNITS = ("mm", "m", "in")  # keys of teaching.solid_mesh.UNITS, without its imports
+_UP_AXES = ("z", "y", "x", "-z", "-y", "-x")  # of teaching.container_mesh.UP_AXES
+
 
 def add_container(commands: argparse._SubParsersAction) -> None:
     """Adds `container` to the commands of the command line."""
     container = commands.add_parser("container", help="teach an empty container, or list them")
     more = container.add_subparsers(required=True, metavar="teach | list")
-    teach = more.add_parser("teach", help="measure an empty container and store it")
+    teach = more.add_parser("teach", help="measure an empty container, or read its CAD file, and "
+                                          "store it")
     teach.add_argument("name", type=_nonempty, metavar="NAME",
                        help="what the setting `container` calls it")
-    teach.add_argument("bag", type=Path, metavar="BAG", help="recording of it, empty")
+    known = teach.add_mutually_exclusive_group(required=True)
+    known.add_argument("bag", type=Path, nargs="?", metavar="BAG", help="recording of it, empty")
+    known.add_argument("--mesh", type=Path, metavar="FILE",
+                       help="its CAD file: STL, OBJ, PLY, OFF or STEP, one watertight body")
+    teach.add_argument("--unit", choices=_UNITS, default="mm",
+                       help="of the mesh's numbers (default mm; STEP says its own)")
+    teach.add_argument("--up", choices=_UP_AXES, default="z", metavar="AXIS",
+                       help="of the mesh, along which it is open: z (default), y or x; -z, -y or "
+                            "-x as --up=-z")
     add_config_argument(teach)
     teach.add_argument("--out", type=Path, metavar="FILE",
                        help="catalogue; default: the configured one, config/containers.yaml")
@@ -36,24 +49,35 @@ def add_container(commands: argparse._SubParsersAction) -> None:
 
 
 def _nonempty(text: str) -> str:
-    if not text.strip():
-        raise argparse.ArgumentTypeError(f"'{text}'; expected a name")
+    if not text.strip() or "/" in text:
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a name without /")
     return text
 
 
 def _teach(options: argparse.Namespace) -> int:
     config = load_config(options.config or config_path("stack_counter.yaml"))
-    bag = require_bag(options.bag)
     path = options.out or catalogue_path(config.reconstructor)
     if path.exists():
         load_containers(path)  # raises what is wrong with it, before the work
-    from stack_counter.teaching.teach_container import teach_container  # takes a second to load
-
-    with progress_bar("teach", "views") as on_view:
-        taught = teach_container(bag, config, on_view)
+    taught = _teach_by_scan(options.bag, config) if options.mesh is None \
+        else _teach_by_mesh(options.mesh, options.unit, options.up)
     save_container(options.name, taught, path)
     print(f"{describe_container(options.name, taught)}\nstored in {path}")
     return 0
+
+
+def _teach_by_scan(path: Path | None, config: Config) -> TaughtContainer:
+    bag = require_bag(path)
+    from stack_counter.teaching.teach_container import teach_container  # takes a second to load
+
+    with progress_bar("teach", "views") as on_view:
+        return teach_container(bag, config, on_view)
+
+
+def _teach_by_mesh(path: Path, unit: str, up: str) -> TaughtContainer:
+    from stack_counter.teaching.container_mesh import teach_from_mesh
+
+    return teach_from_mesh(path, unit, up)
 
 
 def _list_containers(options: argparse.Namespace) -> int:
@@ -61,5 +85,5 @@ def _list_containers(options: argparse.Namespace) -> int:
     for name, taught in sorted(containers.items()):
         print(describe_container(name, taught))
     if not containers:
-        print("no container taught yet: stack-counter container teach NAME BAG")
+        print("no container taught yet: stack-counter container teach NAME BAG (or --mesh FILE)")
     return 0

@@ -21,7 +21,13 @@ from stack_counter.cli.parts import add_part
 from stack_counter.cli.replay import add_replay
 from stack_counter.cli.simulate import add_simulate
 from stack_counter.config import load_config
-from stack_counter.errors import ConfigError, PartError, StackCounterError, WeightsError
+from stack_counter.errors import (
+    ConfigError,
+    MeshError,
+    PartError,
+    StackCounterError,
+    WeightsError,
+)
 from stack_counter.files import config_path
 
 _USAGE, _NO_COUNT, _INTERRUPTED = 2, 3, 130
@@ -46,7 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
     logging.basicConfig(level=logging.ERROR, format="%(message)s", stream=sys.stderr)
     try:
         return options.run(options)
-    except (ConfigError, PartError, WeightsError, OSError) as error:
+    except (ConfigError, MeshError, PartError, WeightsError, OSError) as error:
         return _report_error(error, _USAGE)
     except StackCounterError as error:
         return _report_error(error, _NO_COUNT)

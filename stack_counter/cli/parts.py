@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from stack_counter.parts.calibration import Calibration
     from stack_counter.teaching.tuning import Tuning
 
-_UNITS = ("mm", "m", "in")  # keys of teaching.part_mesh.UNITS, without its imports
+_UNITS = ("mm", "m", "in")  # keys of teaching.solid_mesh.UNITS, without its imports
 _LEAST_PILES = 32
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The container catalogue (config/containers.yaml): what empty-bin scans have measured."""
+"""The container catalogue (config/containers.yaml): what empty-bin scans and CAD files say."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 
 from stack_counter.config import ReconstructorConfig
+from stack_counter.container.inner_map import read_inner_map, write_inner_map
 from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall
 from stack_counter.errors import ConfigError
 from stack_counter.files import config_path, edit_yaml_entry, parse_yaml, write_atomically
-from stack_counter.types import WallShape
+from stack_counter.types import InnerMap, WallShape
 
 _NEW_CATALOGUE = """\
 # The container catalogue: what the setting `container` looks up.
-# Written by `stack-counter container teach NAME BAG`, which keeps your comments.
+# Written by `stack-counter container teach NAME BAG` (or --mesh FILE), which keeps your comments.
 containers:
 """
 _TAUGHT_SETTINGS = ("container_kind", "container_inner_size_m", "container_floor_size_m",
@@ -48,11 +49,14 @@ _SHAPE_KEYS = {
 _SIZE_KEYS = (_Key("wall_m", 1, "thickness of the wall, horizontal, m"),
               _Key("floor_m", 1, "thickness of the floor, m"),
               _Key("rim_m", 1, "height of the rim above the support plane, m"))
+_MAP_FOLDER = "containers"  # beside the catalogue
+_MAP_MEANINGS = {"inner_map": "inner surface, from this file's folder",
+                 "inner_pitch_m": "side of a pixel of it, m"}
 
 
 @dataclass(frozen=True, eq=False)
 class TaughtContainer:
-    """A container as an empty-bin scan measured it.
+    """A container as an empty-bin scan measured it, or as its CAD file says.
 
     Attributes:
         wall_shape: outer face of its wall in the container frame: x along a box's longer side,
@@ -60,7 +64,8 @@ class TaughtContainer:
         wall_m: thickness of the wall, measured horizontally, metres.
         floor_m: thickness of the floor, metres.
         rim_m: height of the rim above the support plane, metres.
-        taught: when it was measured, and from which recording.
+        taught: when it was taught, and from which recording or CAD file.
+        inner_map: inner surface by a CAD file; None for one that was measured.
     """
 
     wall_shape: WallShape
@@ -68,6 +73,7 @@ class TaughtContainer:
     floor_m: float
     rim_m: float
     taught: str = ""
+    inner_map: InnerMap | None = None
 
 
 def catalogue_path(config: ReconstructorConfig) -> Path:
@@ -80,18 +86,23 @@ def catalogue_path(config: ReconstructorConfig) -> Path:
     return Path(configured) if configured else config_path("containers.yaml")
 
 
-def load_containers(path: Path | None = None) -> dict[str, TaughtContainer]:
-    """Reads a catalogue; None is the shipped one.
+def load_containers(path: Path | None = None, with_map_of: str = ""
+                    ) -> dict[str, TaughtContainer]:
+    """Reads a catalogue.
+
+    Args:
+        path: of the catalogue; None is the shipped one.
+        with_map_of: name of the container whose inner map is read, too.
 
     Returns:
-        Taught containers by name, in the order of the file.
+        Taught containers by name, in the order of the file, the others without inner maps.
 
     Raises:
-        ConfigError: the catalogue is missing or malformed.
+        ConfigError: the catalogue is missing or malformed, or the inner map cannot be read.
     """
     path = path or config_path("containers.yaml")
     try:
-        return _parse_containers(path.read_text(encoding="utf-8"), path)
+        return _parse_containers(path.read_text(encoding="utf-8"), path, with_map_of)
     except OSError as error:
         raise ConfigError(f"no container catalogue {path}: {error.strerror}") from error
 
@@ -100,8 +111,8 @@ def configured_container(config: ReconstructorConfig) -> TaughtContainer | None:
     """The taught container that the setting `container` names; None where it names none.
 
     Raises:
-        ConfigError: the catalogue is missing or malformed, or does not hold it, or another
-            setting contradicts it.
+        ConfigError: the catalogue is missing or malformed, or does not hold it, its inner map
+            cannot be read, or another setting contradicts it.
     """
     if not config.container:
         return None
@@ -109,7 +120,7 @@ def configured_container(config: ReconstructorConfig) -> TaughtContainer | None:
         if field.name in _TAUGHT_SETTINGS and getattr(config, field.name) != field.default:
             raise ConfigError(f"{field.name} is {getattr(config, field.name)} beside container "
                               f"'{config.container}', which says it; expected {field.default}")
-    containers = load_containers(catalogue_path(config))
+    containers = load_containers(catalogue_path(config), config.container)
     if config.container not in containers:
         raise ConfigError(f"unknown container '{config.container}'; expected one of "
                           f"{sorted(containers)}")
@@ -119,18 +130,27 @@ def configured_container(config: ReconstructorConfig) -> TaughtContainer | None:
 def save_container(name: str, container: TaughtContainer, path: Path) -> None:
     """Writes an entry into a catalogue, which is made if it is not there.
 
+    Its inner map, if it has one, becomes a picture in a folder beside the catalogue.
+
     Raises:
         ConfigError: the catalogue is malformed, or would be with this container.
+        OSError: a file cannot be written.
     """
     text = _NEW_CATALOGUE
     if path.exists():
         text = path.read_text(encoding="utf-8")
         _parse_containers(text, path)  # raises what is wrong with it before it is changed
     keys = (*_SHAPE_KEYS[container.wall_shape.kind], *_SIZE_KEYS)
-    meanings = {"kind": "box, round or free", "taught": "when, from which recording",
-                **{key.name: key.meaning for key in keys}}
-    text = edit_yaml_entry(text, "containers", name, _entry_from_container(container), meanings)
+    meanings = {"kind": "box, round or free", "taught": "when, from which recording or CAD file",
+                **{key.name: key.meaning for key in keys}, **_MAP_MEANINGS}
+    entry = _entry_from_container(container)
+    if container.inner_map is not None:
+        entry |= {"inner_map": f"{_MAP_FOLDER}/{name}.png",
+                  "inner_pitch_m": float(f"{container.inner_map.pitch:.7g}")}
+    text = edit_yaml_entry(text, "containers", name, entry, meanings)
     _parse_containers(text, path)  # raises what could not be read again
+    if container.inner_map is not None:
+        write_inner_map(path.parent / _MAP_FOLDER / f"{name}.png", container.inner_map)
     write_atomically(path, text)
 
 
@@ -143,18 +163,19 @@ def describe_container(name: str, container: TaughtContainer) -> str:
             f"({container.taught})")
 
 
-def _parse_containers(text: str, path: Path) -> dict[str, TaughtContainer]:
+def _parse_containers(text: str, path: Path, with_map_of: str = "") -> dict[str, TaughtContainer]:
     try:
         document = parse_yaml(text)
-        return {str(name): _container_from_entry(entry) for name, entry in
-                (document.get("containers") or {}).items()}
+        return {str(name): _container_from_entry(
+                    entry, path.parent if str(name) == with_map_of else None)
+                for name, entry in (document.get("containers") or {}).items()}
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"{path} is malformed at {error}; expected 'containers: NAME:' and what "
                           "`stack-counter container teach` writes below it") from error
 
 
-def _container_from_entry(entry: Mapping[str, Any]) -> TaughtContainer:
-    """Makes a container of its entry."""
+def _container_from_entry(entry: Mapping[str, Any], map_folder: Path | None) -> TaughtContainer:
+    """Makes a container of its entry, without the inner map where no folder of it is given."""
     kind = entry["kind"]
     if kind not in _SHAPE_KEYS:
         raise ValueError(f"kind: {kind} (one of {sorted(_SHAPE_KEYS)} needed)")
@@ -166,7 +187,14 @@ def _container_from_entry(entry: Mapping[str, Any]) -> TaughtContainer:
     wall, floor, rim = (float(x) for x in _checked_numbers(entry, _SIZE_KEYS))
     if rim <= floor:
         raise ValueError(f"rim_m: {rim} (above floor_m, {floor}, needed)")
-    return TaughtContainer(shapes[kind], wall, floor, rim, str(entry.get("taught", "")))
+    inner_map = None
+    if "inner_map" in entry:
+        (pitch,) = _checked_numbers(entry, (_Key("inner_pitch_m", 1, ""),))
+        if pitch == 0:
+            raise ValueError(f"inner_pitch_m: {pitch} (above 0 needed)")
+        if map_folder is not None:
+            inner_map = read_inner_map(map_folder / str(entry["inner_map"]), float(pitch))
+    return TaughtContainer(shapes[kind], wall, floor, rim, str(entry.get("taught", "")), inner_map)
 
 
 def _checked_numbers(entry: Mapping[str, Any], keys: Sequence[_Key]) -> np.ndarray:

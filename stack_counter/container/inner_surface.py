@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from stack_counter import geometry
+from stack_counter.container.inner_map import sample_heights
 from stack_counter.fusion.surface import FusedSurface
 from stack_counter.types import Container, HeightMap, Mesh
 
@@ -58,7 +59,10 @@ def map_rim_opening(container: Container, pitch: float) -> RimOpening:
     grid = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1)
     inside = inside_outline(rim, corner + (grid + 0.5) * pitch)
     # The wall as seen from above; the floor where the wall is lower or not there.
-    wall = FusedSurface(wall_mesh(container)).heights(T_world_map, pitch, (rows, cols)).heights
+    if container.inner_map is not None:
+        wall = sample_heights(container.inner_map, corner + (grid + 0.5) * pitch)
+    else:
+        wall = FusedSurface(wall_mesh(container)).heights(T_world_map, pitch, (rows, cols)).heights
     floor = np.float32(container.floor_thickness_m)
     heights = np.where(inside, np.fmax(wall, floor), np.float32(np.nan))
     return RimOpening(HeightMap(T_world_map, pitch, heights.astype(np.float32)),

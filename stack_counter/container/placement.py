@@ -10,9 +10,10 @@ from typing_extensions import override
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import TaughtContainer
-from stack_counter.container.construction import make_container
+from stack_counter.container.construction import make_container, worn_rim_height
 from stack_counter.container.detection import SETTINGS as DETECTION_SETTINGS
 from stack_counter.container.detection import rim_map
+from stack_counter.container.inner_map import with_inner_map
 from stack_counter.container.rim import (
     find_rim_points,
     measure_outline_share,
@@ -131,6 +132,7 @@ def place_container(taught: TaughtContainer, surface: FusedSurface, views: list[
     Raises:
         ScanError: no rim of that outline at that height.
     """
+    taught, rim_by_cad = _as_fused(taught, voxel_size), taught.rim_m
     # Candidate poses: configured, or where the outline meets the rim.
     top = rim_map(surface, region, voxel_size)
     configured = config.container_pose == "given"
@@ -147,7 +149,16 @@ def place_container(taught: TaughtContainer, surface: FusedSurface, views: list[
         thickness = Thickness(taught.wall_m, SETTINGS.thickness_std)
         fitted = fit_wall(wall, points, taught.rim_m, thickness, region.noise)
         wall = wall.with_params(fitted.shape.params)
-    return make_container(wall, taught.wall_m, taught.rim_m, taught.floor_m, region.plane_z)
+    container = make_container(wall, taught.wall_m, taught.rim_m, taught.floor_m, region.plane_z)
+    return container if taught.inner_map is None else with_inner_map(
+        container, taught.inner_map, rim_by_cad)
+
+
+def _as_fused(taught: TaughtContainer, voxel_size: float) -> TaughtContainer:
+    """A container as its scan shows it: a rim that a CAD file says is worn, a measured one was."""
+    if taught.inner_map is None:
+        return taught
+    return replace(taught, rim_m=taught.rim_m - worn_rim_height(taught.wall_m, voxel_size))
 
 
 def _fit_to_rim(taught: TaughtContainer, top: HeightMap, min_height: float, name: str

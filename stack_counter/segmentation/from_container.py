@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from stack_counter import geometry
+from stack_counter.container.inner_map import grown_upwards, sample_heights
 from stack_counter.container.inner_surface import WallTable
 from stack_counter.fusion.region import Region
 from stack_counter.types import BACKGROUND, CONTAINER, PARTS, Container, View
@@ -44,6 +45,8 @@ class ContainerSegmenter:
         self._container = container
         self._region = region
         self._wall = None if container.rings is None else WallTable(container)
+        self._inner = None if container.inner_map is None \
+            else grown_upwards(container.inner_map, SETTINGS.surface_noise_m)
 
     def segment(self, view: View, stride: int = 1) -> np.ndarray:
         """Returns the (h, w) uint8 label image of every `stride`-th pixel.
@@ -72,9 +75,13 @@ class ContainerSegmenter:
                                points[standing])
         inside = self._wall.depth_inside(local)
         rim = container.floor_thickness_m + container.inner_size_m[2]
-        held = (local[:, 2] > container.floor_thickness_m + noise) & (inside > noise)
-        above = local[:, 2] > rim + noise
         near = inside > -container.wall_thickness_m - 2 * noise
+        if self._inner is None:
+            held = (local[:, 2] > container.floor_thickness_m + noise) & (inside > noise)
+        else:  # with ledges and ribs
+            surface = sample_heights(self._inner, local[:, :2])
+            held, near = local[:, 2] > surface + noise, near | np.isfinite(surface)
+        above = local[:, 2] > rim + noise
         labels[standing] = np.select([near & (held | above), near], [PARTS, CONTAINER],
                                      BACKGROUND)
         return labels

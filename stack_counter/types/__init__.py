@@ -3,7 +3,14 @@
 
 from stack_counter.types.reasons import Reason
 from stack_counter.types.results import OccupancyEstimate, StackCount, StackVolume
-from stack_counter.types.shapes import CONTAINER_KINDS, Container, HeightMap, Mesh, WallShape
+from stack_counter.types.shapes import (
+    CONTAINER_KINDS,
+    Container,
+    HeightMap,
+    InnerMap,
+    Mesh,
+    WallShape,
+)
 from stack_counter.types.views import (
     BACKGROUND,
     CONTAINER,
@@ -21,6 +28,7 @@ __all__ = [
     "CONTAINER_KINDS",
     "Container",
     "HeightMap",
+    "InnerMap",
     "Intrinsics",
     "KeyView",
     "Mesh",

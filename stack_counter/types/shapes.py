@@ -77,6 +77,20 @@ class WallShape(ABC):
 
 
 @dataclass(frozen=True, eq=False)
+class InnerMap:
+    """A container's inner surface as seen from straight above, known from its CAD file.
+
+    Attributes:
+        pitch: side of a cell, metres.
+        heights: (rows, cols) float32, metres above the support plane; the container's origin lies
+            in the middle of the map, its x along the columns; NaN outside the opening.
+    """
+
+    pitch: float
+    heights: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Container:
     """What holds the parts.
 
@@ -91,6 +105,8 @@ class Container:
             from the support plane (below the floor) to the rim; None for `none` and `hull`, and
             in a container that came by message.
         wall_shape: outer face of the wall, container frame; None as for `rings`.
+        inner_map: inner surface with its ledges and ribs, where a CAD file says it; else None,
+            and the inner surface is the rings' and a level floor.
     """
 
     kind: str
@@ -100,6 +116,7 @@ class Container:
     floor_thickness_m: float = 0.0
     rings: np.ndarray | None = None
     wall_shape: WallShape | None = None
+    inner_map: InnerMap | None = None
 
     @property
     def outer_size_m(self) -> tuple[float, float, float]:

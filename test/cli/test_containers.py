@@ -6,6 +6,7 @@ import json
 import pytest
 from kits.bags import bag, bin_views
 from kits.command import run
+from kits.tubs import stepped_box
 
 UNIT = ["--unit-volume-cm3", "1.5"]
 
@@ -47,3 +48,16 @@ def test_teach_says_what_it_lacks(tmp_path, capsys):
     damaged.write_text("containers: 3")
     code, _, err = run(capsys, "container", "teach", "tote", bag(tmp_path), "--out", damaged)
     assert code == 2 and "is malformed" in err and damaged.read_text() == "containers: 3"
+
+
+def test_a_cad_file_teaches_a_container(tmp_path, capsys):
+    mesh, catalogue = tmp_path / "tote.stl", tmp_path / "containers.yaml"
+    stepped_box().solid().apply_scale(1000).export(mesh)
+    code, out, _ = run(capsys, "container", "teach", "tote", "--mesh", mesh, "--out", catalogue)
+    assert code == 0 and "140 mm deep, wall 3." in out and "from tote.stl, unit mm)" in out
+    assert run(capsys, "container", "list", catalogue)[1] == out.splitlines()[0] + "\n"
+    for more, said in ((["--unit", "m"], "its unit may be mm"), (["--up=-z"], "--up=z")):
+        code, _, err = run(capsys, "container", "teach", "tub", "--mesh", mesh, "--out", catalogue,
+                           *more)
+        assert code == 2 and said in err and len(err.splitlines()) == 1
+    assert "tub" not in catalogue.read_text()

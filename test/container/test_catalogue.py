@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The container catalogue: what it holds, what of it is refused, and that comments stay."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from stack_counter.container.catalogue import (
 )
 from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall
 from stack_counter.errors import ConfigError
+from stack_counter.types import InnerMap
 
 TAUGHT = {
     "box": TaughtContainer(BoxWall(np.array([0, 0, 0, 0.3, 0.2, 0.14])), 0.004, 0.006, 0.12, "a"),
@@ -87,3 +90,40 @@ def test_a_name_twice_is_refused(tmp_path):
     path.write_text(path.read_text() + "  box:\n    kind: box\n")
     with pytest.raises(ConfigError, match="malformed at two entries 'box'"):
         load_containers(path)
+
+
+def test_an_inner_map_is_a_picture_beside_the_catalogue(tmp_path):
+    heights = np.array([[0.0, 0.012, np.nan], [0.0031, 0.6, 0.00007]], np.float32)
+    mapped = replace(TAUGHT["box"], inner_map=InnerMap(0.0005, heights))
+    path = tmp_path / "c.yaml"
+    save_container("tote", mapped, path)
+    save_container("box", TAUGHT["box"], path)
+    assert (tmp_path / "containers" / "tote.png").is_file()
+    config = ReconstructorConfig(container="tote", container_catalogue=str(path))
+    inner = configured_container(config).inner_map
+    assert inner.pitch == 0.0005 and inner.heights.dtype == np.float32
+    np.testing.assert_allclose(inner.heights, heights, atol=2.1e-5)
+    # Whoever does not use it does not need it.
+    (tmp_path / "containers" / "tote.png").write_bytes(b"no picture")
+    assert configured_container(replace(config, container="box")).inner_map is None
+    with pytest.raises(ConfigError, match="tote.png is no inner surface; expected the 16-bit"):
+        configured_container(config)
+    (tmp_path / "containers" / "tote.png").unlink()
+    with pytest.raises(ConfigError, match="no inner surface .*tote.png"):
+        configured_container(config)
+    # Measured anew it has none.
+    save_container("tote", TAUGHT["box"], path)
+    assert "inner_map" not in path.read_text()
+    assert configured_container(config).inner_map is None
+
+
+def test_an_inner_map_without_its_scale_is_malformed(tmp_path):
+    path = tmp_path / "c.yaml"
+    save_container("tote", replace(TAUGHT["box"], inner_map=InnerMap(0.001, np.ones((2, 2)))),
+                   path)
+    text = path.read_text()
+    for old, new, said in (("inner_pitch_m: 0.001", "inner_pitch_m: 0", "above 0 needed"),
+                           ("inner_pitch_m:", "pitch:", "malformed at 'inner_pitch_m'")):
+        path.write_text(text.replace(old, new))
+        with pytest.raises(ConfigError, match=said):
+            load_containers(path)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from stack_counter.errors import PartError
+from stack_counter.errors import MeshError
 from stack_counter.teaching.part_mesh import SETTINGS, load_part_mesh
 
 BOX = trimesh.creation.box((20, 30, 40))
@@ -50,7 +50,7 @@ def test_other_units(tmp_path):
     (0.04, "mm", r"m \(40 mm\)"), (1.5, "mm", r"in \(38.1 mm\)"), (40.0, "m", r"mm \(40 mm\)")])
 def test_the_likely_unit_mistake_is_named(tmp_path, size, unit, likely):
     path = written(tmp_path, trimesh.creation.box((size,) * 3))
-    with pytest.raises(PartError, match=f"expected 3 to 500 mm; its unit may be .*{likely}"):
+    with pytest.raises(MeshError, match=f"expected 3 to 500 mm; its unit may be .*{likely}"):
         load_part_mesh(path, unit)
 
 
@@ -64,13 +64,13 @@ def test_inside_out_is_turned(tmp_path):
 def test_open_meshes_are_refused(tmp_path):
     torn = BOX.copy()
     torn.update_faces(np.arange(11))
-    with pytest.raises(PartError, match="not watertight: 3 of 18 edges"):
+    with pytest.raises(MeshError, match="not watertight: 3 of 18 edges"):
         load_part_mesh(written(tmp_path, torn))
 
 
 def test_several_bodies_are_refused_but_voids_are_part_of_it(tmp_path):
     two = trimesh.util.concatenate([BOX, BOX.copy().apply_translation((50, 0, 0))])
-    with pytest.raises(PartError, match="2 bodies; expected 1"):
+    with pytest.raises(MeshError, match="2 bodies; expected 1"):
         load_part_mesh(written(tmp_path, two))
     void = trimesh.creation.box((10, 10, 10))
     void.invert()
@@ -92,7 +92,7 @@ def test_many_triangles_are_made_fewer_with_the_same_volume(tmp_path):
     ("a.ply", b"ply\nformat x", "cannot be read")])
 def test_what_is_no_mesh_is_refused_in_one_line(tmp_path, name, data, what):
     (tmp_path / name).write_bytes(data)
-    with pytest.raises(PartError, match=what) as caught:
+    with pytest.raises(MeshError, match=what) as caught:
         load_part_mesh(tmp_path / name)
     assert "\n" not in str(caught.value) and "expected" in str(caught.value)
 
@@ -105,7 +105,7 @@ def test_a_file_that_is_not_there(tmp_path):
 def test_step_without_a_reader_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     (tmp_path / "a.step").write_text("ISO-10303-21;")
-    with pytest.raises(PartError, match=r"stack_counter\[cad\]"):
+    with pytest.raises(MeshError, match=r"stack_counter\[cad\]"):
         load_part_mesh(tmp_path / "a.step")
 
 
