@@ -148,9 +148,8 @@ class ManagedNode(LifecycleNode, Generic[Section]):
 
     def _parameter_values(self) -> dict[str, Any]:
         """Returns the value of every parameter of the node's settings by its name."""
-        return {name: parameter.value
-                for name, parameter in self.get_parameters_by_prefix("").items()
-                if self._is_setting(name)}
+        names = [name for name in self.get_parameters_by_prefix("") if self._is_setting(name)]
+        return {parameter.name: parameter.value for parameter in self.get_parameters(names)}
 
     def _is_setting(self, parameter: str) -> bool:
         """Whether the node's settings hold a parameter, e.g. `live` or `regions.left.size_m`."""
