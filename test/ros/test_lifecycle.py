@@ -49,3 +49,48 @@ def test_a_node_ends_cleanly_though_it_has_just_something_to_say():
 def test_a_fault_of_ours_is_not_taken_for_an_end():
     done = run_late(ends=False)
     assert done.returncode != 0 and "RuntimeError: a fault" in done.stderr
+
+
+TELLS_ITS_REGIONS = """
+import rclpy
+from rclpy.parameter import Parameter
+from stack_counter.config import ReconstructorConfig
+from stack_counter.ros.lifecycle import ManagedNode
+
+class Idle(ManagedNode):
+    def setup(self, config):
+        for region in config.regions:
+            print(region.name, *region.center_m, *region.size_m)
+        print(config.min_views, config.live)
+
+rclpy.init()
+node = Idle("reconstructor", ReconstructorConfig)
+print([name for name in node.get_parameters_by_prefix("regions")])
+node.trigger_configure()
+wide = Parameter("regions.left.size_m", value=[0.5, 0.5, 0.5])
+print(node.set_parameters([wide])[0].reason)
+node.trigger_cleanup()
+print(node.set_parameters([wide])[0].successful)
+print(node.set_parameters([Parameter("regions.left.size_m", value=[0.5, 0.0, 0.5])])[0].reason)
+node.trigger_configure()
+"""
+
+
+def test_regions_are_parameters_of_the_names_in_the_settings_file(tmp_path):
+    settings = tmp_path / "p.yaml"
+    settings.write_text("""
+/stack_counter/reconstructor:
+  ros__parameters:
+    min_views: 5
+    of_another_node: 1
+    regions:
+      left: {center_m: [0.1, 0.2, 0.3], size_m: [1.0, 1.0, 1.0]}
+""")
+    done = subprocess.run([sys.executable, "-c", TELLS_ITS_REGIONS, "--ros-args", "--params-file",
+                           str(settings), "-p", "live:=true"], capture_output=True, text=True,
+                          timeout=60, env={**os.environ, **private_environment()})
+    assert done.stdout.splitlines() == [
+        "['left.center_m', 'left.size_m']", "left 0.1 0.2 0.3 1.0 1.0 1.0", "5 True",
+        "regions.left.size_m is read on configure; expected an unconfigured node: clean it up "
+        "first", "True", "regions.left.size_m is [0.5, 0.0, 0.5]; expected three numbers above 0",
+        "left 0.1 0.2 0.3 0.5 0.5 0.5", "5 True"], done.stderr
