@@ -67,7 +67,11 @@ class Robot:
         return RobotPosture(T, positions)
 
     def leave_out_of(self, view: View, posture: RobotPosture) -> View:
-        """The view, rectified, without depth where the robot is."""
+        """The view, rectified, without depth where the robot is.
+
+        Raises:
+            ViewError: the view shows that the robot is elsewhere (`robot_misplaced`).
+        """
         view = geometry.rectify(view)
         return replace(view, depth=self._mask.depth_without_robot(
             view, posture.T_world_base, posture.positions))

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.errors import ConfigError
+from stack_counter.errors import ConfigError, ViewError
 from stack_counter.types import View
 
 _DRIVEN = ("revolute", "continuous", "prismatic", "fixed")
@@ -28,12 +28,23 @@ class RobotMaskSettings:
     Attributes:
         margin_m: by so much the robot is taken to be larger than its model, metres: a hand-eye
             calibration's error at arm's length, the noise of the depth, and cables.
+        band: ratio of the distances of what is grown together: the margin is wider in pixels the
+            nearer it is.
         nearest_m: nearest distance along z at which the robot is looked for, metres: what is
             nearer is the camera's own housing.
+        measured_from_m: from this distance on a depth camera measures whatever is there, metres.
+        misplaced_m: what is measured so far behind the robot is not the robot, metres.
+        misplaced_share: share of the robot's pixels of which that must not be so.
+        least_share: share of the image below which too little of the robot shows to say.
     """
 
     margin_m: float = 0.02
+    band: float = 1.5
     nearest_m: float = 0.05
+    measured_from_m: float = 0.3
+    misplaced_m: float = 0.04
+    misplaced_share: float = 0.5
+    least_share: float = 0.002
 
 
 SETTINGS = RobotMaskSettings()
@@ -90,9 +101,13 @@ class RobotMask:
 
         Returns:
             (h, w) float32 metres, 0 where the robot is, or where it hides what was measured.
+
+        Raises:
+            ViewError: reason `robot_misplaced`: what is measured lies behind most of the robot.
         """
         depth = np.asarray(view.depth)
         robot = self._render(view, T_world_base, positions)
+        _check_place(robot, depth)
         robot = _grown(robot, view.intrinsics.fx)
         return np.where(depth > robot - SETTINGS.margin_m, np.float32(0), depth)
 
@@ -116,18 +131,38 @@ class RobotMask:
         return hits["t_hit"].numpy() + np.float32(SETTINGS.nearest_m)
 
 
+def _check_place(robot: np.ndarray, depth: np.ndarray) -> None:
+    """Refuses a view that shows something else where the robot should be.
+
+    Args:
+        robot: (h, w) rendered depth, metres, infinite where it is not.
+        depth: (h, w) measured depth, metres, 0 where invalid.
+
+    Raises:
+        ViewError: reason `robot_misplaced`.
+    """
+    both = np.isfinite(robot) & (robot > SETTINGS.measured_from_m) & (depth > 0)
+    behind = depth[both] - robot[both]
+    share = np.mean(behind > SETTINGS.misplaced_m) if behind.size else 0.0
+    if behind.size > SETTINGS.least_share * depth.size and share > SETTINGS.misplaced_share:
+        raise ViewError("robot_misplaced", f"{share:.0%} of the pixels where the robot should be "
+                                           f"show what is {np.median(behind):.2f} m behind it; "
+                                           "expected the robot: check its joint states, its "
+                                           "stamps, the URDF and the transform to its base")
+
+
 def _grown(robot: np.ndarray, focal_px: float) -> np.ndarray:
     """A rendered depth image, (h, w) float32 metres, with everything larger by the margin."""
     grown = robot.copy()
     seen = robot[np.isfinite(robot)]
-    # The margin is wider in pixels the nearer it is: by bands of distance.
     low = seen.min(initial=np.inf)
     while low <= seen.max(initial=0):
-        band = np.where((robot >= low) & (robot < 2 * low), robot, np.float32(np.inf))
+        high = low * SETTINGS.band
+        band = np.where((robot >= low) & (robot < high), robot, np.float32(np.inf))
         reach = int(np.ceil(SETTINGS.margin_m * focal_px / low))
         window = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
         grown = np.minimum(grown, cv2.erode(band, window))
-        low *= 2
+        low = high
     return grown
 
 

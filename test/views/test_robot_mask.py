@@ -7,7 +7,7 @@ from kits.analytic import Scene
 from kits.robot import ARM_HEIGHT, ARM_LENGTH, URDF, add_arm, write_urdf
 
 from stack_counter import geometry
-from stack_counter.errors import ConfigError
+from stack_counter.errors import ConfigError, ViewError
 from stack_counter.types import Intrinsics
 from stack_counter.views.robot_mask import SETTINGS, RobotMask
 
@@ -38,6 +38,19 @@ def test_all_of_the_robot_is_left_out_and_little_else(mask, turn, slide):
         np.pad(robot, reach), (2 * reach + 1, 2 * reach + 1)).any(axis=(2, 3))
     np.testing.assert_array_equal(depth[far], view.depth[far])
     assert far.mean() > 0.3
+
+
+def test_a_robot_that_is_not_where_it_should_be_is_noticed(mask):
+    """By a wrong base, or by joint states of another time: its pixels would count as parts."""
+    view = arm_scene(0.0, 0.1).view(ABOVE, CAMERA)
+    for turn, slide, aside in ((0.6, 0.1, 0.0), (0.0, 0.1, 0.15)):
+        T = geometry.pose(np.eye(3), T_WORLD_BASE[:3, 3] + [0, aside, 0])
+        with pytest.raises(ViewError, match="pixels where the robot should be show") as raised:
+            mask.depth_without_robot(view, T, {"shoulder": turn, "slide": slide})
+        assert raised.value.reason == "robot_misplaced"
+    # What a calibration is off by, here 5 mm at the hand, is within the margin.
+    depth = mask.depth_without_robot(view, T_WORLD_BASE, {"shoulder": 0.01, "slide": 0.1})
+    assert not depth[arm_scene(0.0, 0.1, plane=False).view(ABOVE, CAMERA).depth > 0].any()
 
 
 def test_what_lies_in_front_of_the_robot_stays(mask):
