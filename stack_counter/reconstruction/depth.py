@@ -18,7 +18,7 @@ from stack_counter.errors import ScanError, ViewError
 from stack_counter.fusion.depth_filter import clip_depth
 from stack_counter.fusion.depth_fusion import DepthFusion
 from stack_counter.fusion.region import Region, find_region, seen_from_one_side
-from stack_counter.reconstruction.geometry_checks import find_contradictions
+from stack_counter.reconstruction.geometry_checks import check_geometry
 from stack_counter.reconstruction.integral import MeasuredStack
 from stack_counter.reconstruction.key_view import find_key_view
 from stack_counter.reconstruction.plausibility import (
@@ -163,7 +163,7 @@ class DepthReconstruction:
             key_view=None,
             views=ViewTally(),
             reasons=(*_quality_reasons(stack, found, one_side, views, region),
-                     *find_contradictions(stack, self._unit_volume)),
+                     *check_geometry(stack, region.noise, self._unit_volume)),
             one_side=one_side,
             mesh=color_mesh(surface.mesh, views),
         )

@@ -73,6 +73,9 @@ class Reason(str, Enum):
     MOSTLY_INFERRED = (
         "mostly_inferred", "Much of V lies where no view saw and was inferred from what lies "
         "around it; add views that look into the container.", True)
+    NOISY_DEPTH = (
+        "noisy_depth", "The noise of the depth is more than a quarter of a part's length, so the "
+        "surface hardly shows the parts; bring the camera nearer, or use a more exact one.", True)
     SIZE_DISAGREES = (
         "size_disagrees", "The container that was found has another size than the configured "
         "one; check container_inner_size_m, or leave it at zeros to have it measured.", True)

@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 
-from stack_counter.reconstruction.geometry_checks import find_contradictions
+from stack_counter.reconstruction.geometry_checks import check_geometry
 from stack_counter.reconstruction.integral import FillIntegral, MeasuredStack, StackBoundary
 from stack_counter.types import Container, HeightMap, Reason
 
-PITCH, LENGTH = 0.002, 0.02
+PITCH, LENGTH, NOISE = 0.002, 0.02, 0.001
 
 
 def stack_of(heights, kind="box", inner=0.0, filled_in=0.0):
@@ -32,33 +32,41 @@ def pile(height, slope):
 
 
 def test_a_stack_in_a_bin_contradicts_nothing():
-    assert find_contradictions(stack_of(np.full((50, 50), 0.04)), LENGTH**3) == ()
+    assert check_geometry(stack_of(np.full((50, 50), 0.04)), NOISE, LENGTH**3) == ()
 
 
 @pytest.mark.parametrize("depth, is_wrong", [(0.02, True), (0.004, False)])
 def test_a_surface_below_the_floor_is_a_contradiction(depth, is_wrong):
     heights = np.full((50, 50), 0.06)
     heights[10:30, 10:30] = 0.03 - depth
-    found = find_contradictions(stack_of(heights, inner=0.03), LENGTH**3)
+    found = check_geometry(stack_of(heights, inner=0.03), NOISE, LENGTH**3)
     assert (Reason.BELOW_FLOOR in found) == is_wrong
 
 
 def test_noise_below_an_empty_floor_is_none():
-    noisy = np.random.default_rng(0).normal(0.003, 0.001, (50, 50))
-    assert find_contradictions(stack_of(noisy, inner=0.003), LENGTH**3) == ()
+    noisy = np.random.default_rng(0).normal(0.003, NOISE, (50, 50))
+    assert check_geometry(stack_of(noisy, inner=0.003), NOISE, LENGTH**3) == ()
 
 
 @pytest.mark.parametrize("share, is_wrong", [(0.15, False), (0.5, True)])
 def test_a_stack_that_was_mostly_not_seen_says_so(share, is_wrong):
     stack = stack_of(np.full((50, 50), 0.04), filled_in=share)
-    assert (Reason.MOSTLY_INFERRED in find_contradictions(stack, 0.0)) == is_wrong
+    assert (Reason.MOSTLY_INFERRED in check_geometry(stack, NOISE, 0.0)) == is_wrong
 
 
 @pytest.mark.parametrize("slope, is_wrong", [(0.6, False), (1.0, False), (100, True)])
 def test_a_block_is_no_heap_and_a_pile_is_one(slope, is_wrong):
     stack = stack_of(pile(0.1, slope), "none")
-    assert (Reason.STEEP_HEAP in find_contradictions(stack, LENGTH**3)) == is_wrong
+    assert (Reason.STEEP_HEAP in check_geometry(stack, NOISE, LENGTH**3)) == is_wrong
 
 
 def test_a_single_layer_of_parts_is_no_cliff():
-    assert find_contradictions(stack_of(pile(LENGTH, 100), "none"), LENGTH**3) == ()
+    assert check_geometry(stack_of(pile(LENGTH, 100), "none"), NOISE, LENGTH**3) == ()
+
+
+@pytest.mark.parametrize("noise, is_noisy", [(0.2, False), (0.3, True)])
+def test_noise_of_depth_is_measured_in_parts(noise, is_noisy):
+    stack = stack_of(np.full((50, 50), 0.04))
+    found = check_geometry(stack, noise * LENGTH, LENGTH**3)
+    assert found == ((Reason.NOISY_DEPTH,) if is_noisy else ())
+    assert check_geometry(stack, noise * LENGTH, 0.0) == ()
