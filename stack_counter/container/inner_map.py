@@ -63,6 +63,17 @@ def grown_upwards(inner: InnerMap, margin: float) -> InnerMap:
                                                          cval=np.inf))
 
 
+def grown_downwards(inner: InnerMap, margin: float) -> InnerMap:
+    """The map in which each cell is as low as the lowest within a distance, metres.
+
+    What lies so near a wall or a ledge may be beside it. Beyond the opening nothing is known.
+    """
+    cells = 2 * int(np.ceil(margin / inner.pitch)) + 1
+    outside = np.isnan(inner.heights)
+    lowest = ndimage.minimum_filter(np.where(outside, np.float32(np.inf), inner.heights), cells)
+    return replace(inner, heights=np.where(outside, np.float32(np.nan), lowest))
+
+
 def with_inner_map(container: Container, inner: InnerMap, rim: float) -> Container:
     """The container with the inner surface of its CAD file, and the outlines of that.
 

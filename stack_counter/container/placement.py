@@ -13,7 +13,7 @@ from stack_counter.container.catalogue import TaughtContainer
 from stack_counter.container.construction import make_container, worn_rim_height
 from stack_counter.container.detection import SETTINGS as DETECTION_SETTINGS
 from stack_counter.container.detection import rim_map
-from stack_counter.container.inner_map import with_inner_map
+from stack_counter.container.inner_map import grown_downwards, sample_heights, with_inner_map
 from stack_counter.container.rim import (
     find_rim_points,
     measure_outline_share,
@@ -46,6 +46,8 @@ class PlacementSettings:
         max_distance: distance from a face, m, at which all points count alike: they show another
             thing.
         thickness_std: standard deviation of a thickness that is known, m.
+        sunk_margin: by how much a surface may lie inside what a CAD file says is solid, and how
+            far beside it, m.
     """
 
     yaws: int = 72
@@ -53,6 +55,7 @@ class PlacementSettings:
     similar_share: float = 0.05
     max_distance: float = 0.003
     thickness_std: float = 1e-6
+    sunk_margin: float = 0.003
 
 
 SETTINGS = PlacementSettings()
@@ -145,7 +148,8 @@ def place_container(taught: TaughtContainer, surface: FusedSurface, views: list[
     if not configured:
         # The candidate that the walls agree with, fitted to them.
         points = find_face_points(views, region, wall, taught.rim_m)
-        wall = min(candidates, key=lambda w: _face_distance(w, points, taught.wall_m))
+        wall = min(candidates, key=lambda w: _face_distance(w, points, taught.wall_m)
+                   + _sunk_depth(w, taught, top, rim_m - taught.rim_m))
         thickness = Thickness(taught.wall_m, SETTINGS.thickness_std)
         fitted = fit_wall(wall, points, taught.rim_m, thickness, region.noise)
         wall = wall.with_params(fitted.shape.params)
@@ -193,3 +197,26 @@ def _face_distance(wall: PlacedWall, points: FacePoints, thickness: float) -> fl
     """Mean distance of points from the face they were seen on, metres; robust."""
     distance = wall.depth_inside(points.xy, points.below) - thickness * points.inner
     return float(np.minimum(np.abs(distance), SETTINGS.max_distance).mean())
+
+
+def _sunk_depth(wall: PlacedWall, taught: TaughtContainer, top: HeightMap, base: float) -> float:
+    """Mean depth of the surface inside what is solid with a container in that pose, metres.
+
+    An outline may look the same after half a turn when a ledge at one end does not.
+
+    Args:
+        wall: the pose.
+        taught: the container; without an inner map nothing speaks against any pose.
+        top: highest surface.
+        base: height of the container's underside above the map's plane, metres.
+    """
+    if taught.inner_map is None:
+        return 0.0
+    s, T = SETTINGS, top.T_world_map
+    rows, cols = np.nonzero(np.isfinite(top.heights))
+    xy = (np.stack([cols, rows], axis=1) + 0.5) * top.pitch @ T[:2, :2].T + T[:2, 3]
+    local = (xy - wall.params[:2]) @ rotation_2d(wall.params[2])
+    solid = sample_heights(grown_downwards(taught.inner_map, s.sunk_margin), local) + base
+    sunk = solid - top.heights[rows, cols] - s.sunk_margin
+    inside = np.isfinite(sunk)
+    return float(np.maximum(sunk[inside], 0.0).mean()) if inside.any() else 0.0

@@ -6,6 +6,7 @@ import pytest
 
 from stack_counter.container.construction import make_container, worn_rim_height
 from stack_counter.container.inner_map import (
+    grown_downwards,
     grown_upwards,
     sample_heights,
     trace_outlines,
@@ -76,6 +77,10 @@ def test_near_a_wall_all_is_wall():
     grown = grown_upwards(stepped_map(), 0.003)
     points = np.array([[0.0772, 0.0], [0.0765, 0.0], [0.0972, 0.0], [1.0, 0.0]])
     assert sample_heights(grown, points) == pytest.approx([LEDGE, FLOOR, RIM, np.nan], nan_ok=True)
+    lowered = grown_downwards(stepped_map(), 0.003)
+    points = np.array([[0.0828, 0.0], [0.0835, 0.0], [0.1015, 0.0], [1.0, 0.0]])
+    assert sample_heights(lowered, points) == pytest.approx([FLOOR, LEDGE, LEDGE, np.nan],
+                                                            nan_ok=True)
 
 
 def test_a_rim_is_worn_less_the_thicker_it_is():

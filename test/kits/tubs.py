@@ -51,16 +51,22 @@ class Tub:
         Returns:
             `Scene` and the volume of the filling, m3.
         """
+        meshes, volume = self.meshes(share, pose, bump)
+        scene = Scene()
+        for mesh in meshes:
+            scene.mesh(mesh)
+        return scene, volume
+
+    def meshes(self, share, pose=(0.0, 0.0, 0.0), bump=0.006):
+        """Container and filling, `types.Mesh` in the world, and the filling's volume, m3."""
         level = self.inner[0][0] + share * (self.rim - self.inner[0][0])
         filling, volume = self._filling(level, bump)
         x, y, yaw = pose
         c, s = np.cos(yaw), np.sin(yaw)
         T = geometry.pose(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([x, y, 0.0]))
-        scene, solid = Scene(), self.solid()
-        for vertices, faces in ((solid.vertices, solid.faces), filling):
-            moved = geometry.apply(T, vertices).astype(np.float32)
-            scene.mesh(Mesh(moved, faces.astype(np.int32)))
-        return scene, volume
+        solid = self.solid()
+        return [Mesh(geometry.apply(T, vertices).astype(np.float32), faces.astype(np.int32))
+                for vertices, faces in ((solid.vertices, solid.faces), filling)], volume
 
     def _filling(self, level, bump):
         """Vertices and faces of a bumpy surface up to the wall, and the volume below it."""

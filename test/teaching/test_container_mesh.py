@@ -6,12 +6,18 @@ import pytest
 import trimesh
 from kits.tubs import FLOOR, WALL, Tub, bucket, circle, drafted_box, stepped_box
 
+from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import save_container
 from stack_counter.container.inner_map import sample_heights
+from stack_counter.container.inner_surface import map_rim_opening
+from stack_counter.container.placement import place_container
 from stack_counter.errors import MeshError
+from stack_counter.fusion.region import Region
+from stack_counter.fusion.surface import FusedSurface
 from stack_counter.pipeline import StackCounter
 from stack_counter.teaching.container_mesh import UP_AXES, teach_from_mesh
+from stack_counter.types import Mesh
 
 
 def written(tmp_path, solid, name="tub.stl", scale=1000, turn=None):
@@ -69,6 +75,30 @@ def test_v_is_that_above_the_inner_surface_of_the_file(tmp_path, tub):
     np.testing.assert_allclose(volume.container.T_world_container[:3, 3], [*pose[:2], 0.0],
                                atol=5e-4)
     assert volume.container.inner_size_m[2] == pytest.approx(tub.rim - FLOOR, abs=1e-5)
+
+
+@pytest.mark.parametrize("yaw", [0.4, 0.4 + np.pi])
+def test_a_ledge_at_one_end_tells_half_a_turn(tmp_path, yaw):
+    """The outline is the same both ways; 20 mm of filling leave the ledge bare, 50 mm higher."""
+    tub = stepped_box(at_end_only=True)
+    taught = teach_from_mesh(written(tmp_path, tub.solid()))
+    pose = (0.02, -0.01, yaw)
+    meshes, _ = tub.meshes(0.15, pose)
+    scene, _ = tub.scene(0.15, pose)
+    plane = trimesh.creation.box((1.0, 1.0, 0.01)).apply_translation([0, 0, -0.005])
+    everything = trimesh.util.concatenate(
+        [plane, *(trimesh.Trimesh(mesh.vertices, mesh.triangles) for mesh in meshes)])
+    surface = FusedSurface(Mesh(everything.vertices.astype(np.float32),
+                                everything.faces.astype(np.int32)))
+    region = Region(np.array([-0.3, -0.3, -0.03]), np.array([0.3, 0.3, 0.2]), 0.0, 0.0003)
+    container = place_container(taught, surface, scene.views(6, radius=0.75), region, 0.002,
+                                ReconstructorConfig(container="tub"))
+    inner = map_rim_opening(container, 0.002).inner
+    c, s = np.cos(yaw), np.sin(yaw)
+    ledge = np.array([c, s]) * -0.144 + pose[:2]
+    T = geometry.inverse(inner.T_world_map)
+    col, row, _ = geometry.apply(T, np.array([*ledge, 0.0])) / inner.pitch
+    assert inner.heights[int(row), int(col)] == pytest.approx(FLOOR + 0.07, abs=1e-3)
 
 
 def test_another_axis_may_be_up(tmp_path):
