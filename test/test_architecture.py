@@ -208,6 +208,6 @@ def loaded(*names):
            "for name in sys.argv[1:]: importlib.import_module(name)\n" \
            "print(json.dumps(sorted(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code, *names], capture_output=True, text=True,
-                          cwd=PACKAGE.parent, timeout=120)
+                          cwd=PACKAGE.parent)
     assert done.returncode == 0, done.stderr
     return set(json.loads(done.stdout))

@@ -3,6 +3,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from kits.known_parts import COUNTED, gamma_model
 
 from stack_counter.parts.catalogue import Part, load_parts, save_part
 from stack_counter.parts.part_models import PartModels
+from stack_counter.teaching import model_fit
 
 BLOCK = trimesh.creation.box((30.0, 20.0, 20.0))
 
@@ -113,8 +115,8 @@ def test_a_mesh_of_another_volume_does_not_silently_forget_counted_bins(tmp_path
     assert load_parts(catalogue)["nut"].counted == (COUNTED,)
 
 
-def test_a_part_from_its_mesh(tmp_path, capsys):
-    """Real piles, few of them; the catalogue gets all that a count needs."""
+def test_a_part_from_its_mesh(tmp_path, capsys, monkeypatch):
+    """Real piles, fewer than a user may ask for; the catalogue gets all that a count needs."""
     pytest.importorskip("sapien", reason="the physics engine has no wheel for this Python")
     BLOCK.export(tmp_path / "block.stl")
     rig = {"/stack_counter/reconstructor": {"ros__parameters": {
@@ -122,8 +124,10 @@ def test_a_part_from_its_mesh(tmp_path, capsys):
         "/stack_counter/counter": {"ros__parameters": {"part_catalogue": str(
             tmp_path / "parts.yaml")}}}
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(rig))
+    monkeypatch.setattr("stack_counter.cli.parts._LEAST_PILES", 10)
+    monkeypatch.setattr(model_fit, "SETTINGS", replace(model_fit.SETTINGS, min_piles=8))
     code, text, _ = part(capsys, "add", "block", "--mesh", tmp_path / "block.stl", "--config",
-                         tmp_path / "rig.yaml", "--piles", "32", "--density", "1.2")
+                         tmp_path / "rig.yaml", "--piles", "10", "--density", "1.2")
     assert code == 0 and "v 12 cm3" in text and "bin of 130 x 100 x 60 mm" in text
     block = load_parts(tmp_path / "parts.yaml")["block"]
     assert block.unit_volume == pytest.approx(12e-6) and block.density == 1200
@@ -131,7 +135,7 @@ def test_a_part_from_its_mesh(tmp_path, capsys):
     assert 0.45 < gamma < 0.75 and std / gamma < 0.12
     assert (tmp_path / "parts" / "block.stl").is_file()
     code, text, _ = part(capsys, "list", "--catalogue", tmp_path / "parts.yaml")
-    assert "32 simulated piles" in text
+    assert "10 simulated piles" in text
     shutil.rmtree(tmp_path / "parts")
     (tmp_path / "parts.yaml").touch()  # a process that has read both keeps them until then
     code, _, error = run(capsys, "replay", "x", "--part", "block", "--catalogue",

@@ -30,7 +30,12 @@ print(got[0].scan_id, got[0].count)
 """
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
+def ros(ros_of_module):
+    return ros_of_module
+
+
+@pytest.fixture(scope="module")
 def counter(ros):
     ros.start("counter", estimator="prior")
     volumes = ros.node.create_publisher(StackVolume, f"{SPACE}/volume", LATCHED)

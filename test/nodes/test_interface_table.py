@@ -40,9 +40,15 @@ def value(x):
     return ParameterValue(type=getattr(ParameterType, f"PARAMETER_{kind}"), **{field: x})
 
 
-def test_the_table_is_what_the_nodes_have(ros):
+@pytest.fixture(scope="module")
+def ros(ros_of_module):
+    """Three nodes and who looks at them."""
     for name in SETTINGS:
-        ros.start(name, **({"estimator": "prior"} if name == "counter" else {}))
+        ros_of_module.start(name, **({"estimator": "prior"} if name == "counter" else {}))
+    return ros_of_module
+
+
+def test_the_table_is_what_the_nodes_have(ros):
     expected = {(node, how, full(name), kind) for node, how, name, kind in table()}
 
     ros.wait(lambda: set(SETTINGS) <= set(ros.node.get_node_names()), "three nodes")
@@ -55,7 +61,6 @@ def test_the_table_is_what_the_nodes_have(ros):
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_states_and_parameters(ros, name):
-    ros.start(name, **({"estimator": "prior"} if name == "counter" else {}))
     diagnostics = ros.collect_messages(DiagnosticArray, "/diagnostics")
 
     def state():

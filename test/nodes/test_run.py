@@ -49,7 +49,8 @@ def test_a_node_that_is_killed_comes_back_and_its_scan_is_reported_lost(ros, tmp
     ros.wait(lambda: any(s.scan_id == "doomed" and s.received for s in states), "a view")
     before = children(run)
     os.kill(before["reconstructor"], signal.SIGKILL)
-    ros.wait(lambda: counts and counts[-1].scan_id == "doomed", "word of the lost scan")
+    ros.wait(lambda: counts and counts[-1].scan_id == "doomed" and counts[-1].final,
+             "word of the lost scan")
     assert counts[-1].status == StackCount.STATUS_ERROR and counts[-1].final
     assert counts[-1].error == "scan 'doomed' lost: reconstructor ended with signal 9"
     ros.wait(lambda: any(s.level == DiagnosticStatus.ERROR and "signal 9" in s.message

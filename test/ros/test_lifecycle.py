@@ -36,7 +36,7 @@ run(Late)
 
 def run_late(ends):
     return subprocess.run([sys.executable, "-c", ENDS_UNDER_A_CALLBACK.format(ends=ends)],
-                          capture_output=True, text=True, timeout=60,
+                          capture_output=True, text=True,
                           env={**os.environ, **private_environment()})
 
 

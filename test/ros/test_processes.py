@@ -86,6 +86,6 @@ def test_a_node_that_has_ended_is_an_error_with_its_last_line(monkeypatch):
     monkeypatch.setattr(processes, "_start_node", start)
     with NodeProcesses(Config(), {}) as nodes:
         for process in nodes._processes.values():
-            process.wait(30)
+            process.wait()
         with pytest.raises(NodeError, match="node collector ended with 4.*counter is lost"):
             nodes.check()

@@ -88,4 +88,4 @@ def test_only_an_empty_container_teaches():
 def test_teaching_a_container_needs_no_simulator():
     code = ("import sys, stack_counter.teaching.teach_container\n"
             "assert not {'manifold3d', 'coacd', 'sapien'} & set(sys.modules)")
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", code], check=True)
