@@ -28,12 +28,15 @@ class ViewGateSettings:
         same_place_m: a camera that stands, or was brought back, is at most so far from where it
             was, as its pose says, metres: three times an arm's noise; chosen.
         same_place_rad: and turned by at most so much, radians; chosen.
+        moved_margin: a camera that is that far off must see so many times the change of one that
+            stands, as a motion does not explain all that it changes; measured as the next.
         min_depth_change_per_m: change of depth of some place over the depth squared, 1/m: 3 mm at
             0.5 m; six times what noise alone makes of it, see `SceneChangeSettings`.
     """
 
     same_place_m: float = 0.002
     same_place_rad: float = 0.004
+    moved_margin: float = 3.0
     min_depth_change_per_m: float = 0.012
 
 
@@ -88,11 +91,14 @@ class ViewGate:
         same_place = distance <= SETTINGS.same_place_m and angle <= SETTINGS.same_place_rad
         if not same_place and c.mode != "continuous":
             raise ViewError("duplicate", seen)
+        off = max(distance / SETTINGS.same_place_m, angle / SETTINGS.same_place_rad)
+        margin = 1 + (SETTINGS.moved_margin - 1) * min(off, 1.0)
+        min_change, min_depth = c.min_change * margin, SETTINGS.min_depth_change_per_m * margin
         picture = picture_change(last, thumbnail, motion)
-        if picture >= c.min_change:
+        if picture >= min_change:
             return
         depth = depth_change(last, thumbnail, motion)
-        if depth < SETTINGS.min_depth_change_per_m:
-            raise ViewError("duplicate", f"{seen}, or a change: {picture:.2f} of {c.min_change} "
-                                         f"grey levels, {depth:.4f} of "
-                                         f"{SETTINGS.min_depth_change_per_m} / m of depth")
+        if depth < min_depth:
+            raise ViewError("duplicate", f"{seen}, or a change: {picture:.2f} of {min_change:.1f} "
+                                         f"grey levels, {depth:.4f} of {min_depth:.3f} / m of "
+                                         "depth")

@@ -61,7 +61,7 @@ def test_steps_that_were_refused_add_up():
 
 @pytest.mark.parametrize("fixed, x", [(True, 1.0), (False, 0.0), (False, 0.0005)])
 @pytest.mark.parametrize("mode", ["scan", "continuous"])
-@pytest.mark.parametrize("grey_levels, reason", [(3, "duplicate"), (8, "")])
+@pytest.mark.parametrize("grey_levels, reason", [(3, "duplicate"), (10, "")])
 def test_where_the_pose_has_not_changed_some_place_of_the_picture_must(
         grey_levels, reason, mode, fixed, x):
     changed = SMOOTH.copy()
@@ -127,7 +127,7 @@ def test_a_duplicate_says_what_was_seen_and_expected():
     with pytest.raises(ViewError) as caught:
         gate.check(view(0.001, depth=FLAT))
     text = str(caught.value)
-    assert "0.0010 m" in text and "expected 0.01 or 0.05" in text and "of 4.0 grey levels" in text
+    assert "0.0010 m" in text and "expected 0.01 or 0.05" in text and "of 8.0 grey levels" in text
 
 
 def test_in_cycle_mode_every_view_is_new():
