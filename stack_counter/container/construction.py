@@ -118,7 +118,7 @@ def make_configured_container(config: ReconstructorConfig, region: Region) -> Co
 
 
 def make_fitted_container(shape: WallShape, thickness: float, height: float, region: Region,
-                          config: ReconstructorConfig) -> Container:
+                          config: ReconstructorConfig, worn: float = 0.0) -> Container:
     """Makes the container of a fitted wall; configured sizes replace the fitted ones.
 
     Args:
@@ -128,6 +128,8 @@ def make_fitted_container(shape: WallShape, thickness: float, height: float, reg
         region: with the height of the support plane.
         config: `container_inner_size_m`, `container_floor_size_m` and `container_floor_m`; zeros
             are measured.
+        worn: by how much the rim was measured too low, metres; a given depth begins so much
+            higher.
 
     Raises:
         ScanError: the size at the floor is larger than that at the rim, or given for a free form.
@@ -142,7 +144,7 @@ def make_fitted_container(shape: WallShape, thickness: float, height: float, reg
     # Floor, as thick as the wall where it is not configured, and depth.
     floor = config.container_floor_m or thickness
     if size[2]:
-        floor = config.container_floor_m or max(height - size[2], 0.0)
+        floor = config.container_floor_m or max(height + worn - size[2], 0.0)
         height = floor + size[2]
     shape = _with_floor_size(shape, thickness, height - floor, config)
     return make_container(shape, thickness, height, floor, region.plane_z)

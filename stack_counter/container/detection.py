@@ -14,6 +14,7 @@ from stack_counter.container.construction import (
     make_configured_container,
     make_fitted_container,
     no_container,
+    worn_rim_height,
 )
 from stack_counter.container.rim import Rim, find_rim
 from stack_counter.container.wall_fit import FittedWall, Thickness, find_face_points, fit_wall
@@ -134,7 +135,8 @@ def find_container(surface: FusedSurface, views: list[View], region: Region, vox
     # Decide whether they are a container's.
     if candidate is not None and _is_accepted(candidate, views, region):
         container = make_fitted_container(candidate.wall.shape, candidate.wall.thickness,
-                                          candidate.rim.height, region, config)
+                                          candidate.rim.height, region, config,
+                                          worn_rim_height(candidate.wall.thickness, voxel_size))
         return FoundContainer(container, True, has_given_size(
             candidate.wall.shape, candidate.wall.thickness, candidate.rim.height, config))
     if config.container_kind != "auto":

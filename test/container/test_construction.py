@@ -45,6 +45,14 @@ def test_a_configured_size_lies_along_the_longer_side():
     np.testing.assert_allclose(same.T_world_container[:2, 0], [np.cos(0.3), np.sin(0.3)])
 
 
+def test_a_given_depth_begins_at_the_rim_as_it_is_not_as_it_is_worn():
+    """The rim is seen 0.7 mm too low; 0.11 m below its true height lies the floor."""
+    box = make_fitted_container(BOX, WALL, HEIGHT - 0.0007, REGION, ReconstructorConfig(
+        container_inner_size_m=(0.18, 0.28, 0.11)), worn=0.0007)
+    assert box.floor_thickness_m == pytest.approx(0.01)
+    assert box.inner_size_m[2] == pytest.approx(0.11)
+
+
 def test_a_configured_diameter_is_that_of_the_opening():
     can = fitted(ROUND, container_inner_size_m=(0.18, 0.18, 0.0))
     assert can.inner_size_m == pytest.approx((0.18, 0.18, HEIGHT - WALL), rel=1e-3)
