@@ -25,6 +25,7 @@ REQUIRES = [
     "ruamel.yaml>=0.17.21",
     "safetensors>=0.8",  # (no key)
     "scipy>=1.15.3",
+    "small_gicp>=1.0.1",  # (no key)
     "torch>=2.14.1",
     "tqdm>=4.70",
     "trimesh>=5.2",

@@ -147,8 +147,8 @@ class StackCounter:
         """Returns the views of the last volume with their label images."""
         if self._scan is None:
             return []
-        segmenter = self._scan.segmenter
-        return [replace(view, labels=segmenter.segment(view)) for view in self._scan.views]
+        segmenter, views = self._scan.segmenter, self._scan.measured_views
+        return [replace(view, labels=segmenter.segment(view)) for view in views]
 
     def _begin_scan(self, first: View) -> DepthReconstruction | PictureReconstruction:
         """Depth is fused; pictures and labels are carved, by stereo depth where they allow it."""

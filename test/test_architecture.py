@@ -45,6 +45,7 @@ LIBRARIES = {
     r"mcap|mcap_ros2|rosbags|rosbag2_py": "bag",
     r"open3d": "views fusion sim teaching eval",
     r"yourdfpy": "views",
+    r"small_gicp": "fusion",
     r"torch": "occupancy container segmentation train",
     r"sapien|coacd|manifold3d": "sim",
     r"matplotlib": "sim train eval",

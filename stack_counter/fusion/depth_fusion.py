@@ -62,8 +62,12 @@ class DepthFusion:
         """Takes in what the view shows standing across the region's border."""
         self.region = self.region.grown_by(view)
 
-    def integrate(self, view: View) -> View:
+    def integrate(self, view: View, is_smooth: bool = False) -> View:
         """Fuses one view.
+
+        Args:
+            view: with depth.
+            is_smooth: its depth has been smoothed, as in a view that was returned here.
 
         Returns:
             The view cropped to the region, levelled and smoothed.
@@ -73,7 +77,8 @@ class DepthFusion:
         """
         # Crop to the region; level by the support plane; smooth.
         view = level_to_support(crop_to_region(view, self.region), self.region)
-        view = replace(view, depth=smooth_depth(np.asarray(view.depth), self.region.noise))
+        if not is_smooth:
+            view = replace(view, depth=smooth_depth(np.asarray(view.depth), self.region.noise))
         # Only surfaces inside the region are kept; every ray carves.
         is_surface = self.region.contains(geometry.world_points(view))
         depth = open_background(view, self._depth_trunc)

@@ -25,6 +25,7 @@ class LevelingSettings:
     Attributes:
         stride: pixels from one point that is used to the next.
         reach: distance from its expected height within which the plane is looked for, m.
+        common_reach: the same for views that were brought together, m.
         margin_share: width of the strip along the region's border that shows the plane alone,
             over the region's margin.
         max_tilt: largest tilt that a pose may have wrong, rad.
@@ -37,6 +38,7 @@ class LevelingSettings:
 
     stride: int = 3
     reach: float = 0.012
+    common_reach: float = 0.02
     margin_share: float = 0.85
     max_tilt: float = 0.02
     min_points: int = 150
@@ -87,14 +89,32 @@ def level_to_support(view: View, region: Region) -> View:
     return replace(view, T_world_camera=geometry.pose(rotation, shift) @ view.T_world_camera)
 
 
-def _points_beside_stack(view: View, region: Region) -> np.ndarray:
+def lift_to_support(views: list[View], region: Region) -> list[View]:
+    """Shifts all views alike so that the support plane is at its height.
+
+    Args:
+        views: with depth, whose surfaces lie on each other.
+        region: with the plane's height.
+
+    Returns:
+        The same views; unchanged where too little of the plane shows.
+    """
+    beside = np.concatenate([_points_beside_stack(view, region, SETTINGS.common_reach)
+                             for view in views])
+    if len(beside) < SETTINGS.min_points:
+        return views
+    lift = geometry.pose(np.eye(3), [0, 0, region.plane_z - np.median(beside[:, 2])])
+    return [replace(view, T_world_camera=lift @ view.T_world_camera) for view in views]
+
+
+def _points_beside_stack(view: View, region: Region, reach: float = SETTINGS.reach) -> np.ndarray:
     """(n, 3) float64 world points near the support's height, along the region's border."""
     points = geometry.world_points(view, SETTINGS.stride).reshape(-1, 3).astype(float)
     xy = points[:, :2]
     beyond = np.maximum(region.low[:2] - xy, xy - region.high[:2]).max(axis=1)
     # Around what stands there alone: a bin's own floor is level too, and higher.
     around = (beyond < 0) & (beyond > -SETTINGS.margin_share * REGION_SETTINGS.margin)
-    return points[around & (np.abs(points[:, 2] - region.plane_z) < SETTINGS.reach)]
+    return points[around & (np.abs(points[:, 2] - region.plane_z) < reach)]
 
 
 def _fit_plane(points: np.ndarray) -> _Plane | None:

@@ -128,6 +128,7 @@ def find_region(views: list[View], config: ReconstructorConfig) -> Region:
                         f"expected {SETTINGS.min_points} or more")
     # Find the support plane.
     plane_z, noise = _support_plane(points)
+    noise = min(noise, _noise_of_views(views, plane_z))
     everything = Region(points.min(axis=0), points.max(axis=0), plane_z, noise)
     if configured:
         low = center - size / 2
@@ -135,9 +136,18 @@ def find_region(views: list[View], config: ReconstructorConfig) -> Region:
         return replace(everything, low=low, high=center + size / 2)
     # Find the largest blob that stands on it.
     blob = largest_blob(_standing_points(points, everything))
-    if not len(blob):
-        return everything
-    return _region_around(blob, everything)
+    return _region_around(blob, everything) if len(blob) else everything
+
+
+def find_region_again(views: list[View], region: Region) -> Region:
+    """Finds the largest thing in a region once poses are right: its support plane is known.
+
+    Args:
+        views: with depth.
+        region: as found before; returned where nothing stands in it.
+    """
+    blob = largest_blob(_standing_points(_depth_points(views), region))
+    return _region_around(blob, region) if len(blob) else region
 
 
 def find_pieces(views: list[View], config: ReconstructorConfig) -> Region:
@@ -242,6 +252,22 @@ def _support_plane(points: np.ndarray) -> tuple[float, float]:
     near = points[np.abs(points[:, 2] - mode) < s.plane_reach, 2]
     height = float(np.median(near))
     return height, float(_MAD_TO_STD * np.median(np.abs(near - height)))
+
+
+def _noise_of_views(views: list[View], plane_z: float) -> float:
+    """Noise of points around the plane that each view shows for itself, m; infinite for too few.
+
+    Poses that are off put these planes at other heights and slopes, which is no noise of depth.
+    """
+    deviations = []
+    for view in views:
+        points = _depth_points([view]).astype(float)
+        near = points[np.abs(points[:, 2] - plane_z) < SETTINGS.plane_reach]
+        if len(near) >= SETTINGS.min_points:
+            design = np.column_stack([np.ones(len(near)), near[:, :2]])
+            rest = near[:, 2] - design @ np.linalg.lstsq(design, near[:, 2], rcond=None)[0]
+            deviations.append(float(np.median(np.abs(rest - np.median(rest)))))
+    return _MAD_TO_STD * float(np.median(deviations)) if deviations else float("inf")
 
 
 @dataclass(frozen=True, eq=False)

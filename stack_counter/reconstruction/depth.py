@@ -18,11 +18,11 @@ from stack_counter.errors import ScanError, ViewError
 from stack_counter.fusion.depth_filter import clip_depth
 from stack_counter.fusion.depth_fusion import DepthFusion
 from stack_counter.fusion.region import Region, find_region, seen_from_one_side
+from stack_counter.reconstruction.alignment import AlignedScan, align_scan
 from stack_counter.reconstruction.geometry_checks import check_geometry
 from stack_counter.reconstruction.integral import MeasuredStack
 from stack_counter.reconstruction.key_view import find_key_view
 from stack_counter.reconstruction.plausibility import (
-    check_agreement,
     second_container,
     stack_leaves_every_image,
 )
@@ -55,8 +55,6 @@ class DepthReconstruction:
     """Fuses the depth views of one scan and measures the stack in them.
 
     Attributes:
-        refused_late: errors of views that were kept at first and refused once the region was
-            known.
         segmenter: labels the views; from the first `measure` on by the container found.
         stack: what the last `measure` integrated; None before.
     """
@@ -69,7 +67,9 @@ class DepthReconstruction:
         self._fusion: DepthFusion | None = None  # once the first views say where the stack is
         self._second_container: str | None = None
         self._label_images_given = False
-        self.refused_late: list[ViewError] = []
+        self._refused_late: list[ViewError] = []  # once the region was known
+        self._left_out: tuple[ViewError, ...] = ()  # by the last measurement
+        self._measured_views: list[View] | None = None
         self.segmenter: Segmenter = GivenLabelSegmenter()
         self.stack: MeasuredStack | None = None
 
@@ -77,6 +77,16 @@ class DepthReconstruction:
     def views(self) -> list[View]:
         """The views kept so far; once the region is found, cropped to it."""
         return self._memory.views
+
+    @property
+    def measured_views(self) -> list[View]:
+        """The views that the last `measure_volume` rests on, with the poses that it found."""
+        return self.views if self._measured_views is None else self._measured_views
+
+    @property
+    def refused_late(self) -> list[ViewError]:
+        """Errors of views that were kept at first and refused later, for what others show."""
+        return [*self._refused_late, *self._left_out]
 
     @property
     def region(self) -> Region | None:
@@ -125,20 +135,21 @@ class DepthReconstruction:
         """
         if self._fusion is None:
             self._fusion = self._begin_fusion()
-        config, region, views = self._config, self._fusion.region, self.views
-        # Refuse a scan that cannot be right. In live mode views differ as parts are taken.
-        if not config.live:
-            check_agreement(views, region.noise)
+        config = self._config
         if self._second_container:
             raise ScanError(f"two containers: {self._second_container}; expected one, or a region "
                             "of interest (roi_center_m, roi_size_m) around one")
+        # Bring the views together, or refuse a scan that cannot be right.
+        self._measured_views, self._left_out = None, ()
+        scan = align_scan(self._fusion, self.views, config, self._unit_volume)
+        region, views, voxel_size = scan.fusion.region, scan.views, scan.fusion.voxel_size
+        self._measured_views, self._left_out = views, scan.left_out
         # Extract the fused surface.
-        surface = self._fusion.surface()
+        surface = scan.fusion.surface()
         if not len(surface.mesh.triangles):
             raise ScanError(f"no surface left after carving {len(views)} views; expected some: "
                             "depth and poses disagree")
         # Find the container, or the place of a taught one.
-        voxel_size = self._fusion.voxel_size
         if taught is None:
             found = find_container(surface, views, region, voxel_size, config)
         else:
@@ -162,15 +173,16 @@ class DepthReconstruction:
             inner=stack.inner,
             key_view=None,
             views=ViewTally(),
-            reasons=(*_quality_reasons(stack, found, one_side, views, region),
+            reasons=(*_quality_reasons(stack, found, one_side, scan),
                      *check_geometry(stack, region.noise, self._unit_volume)),
             one_side=one_side,
             mesh=color_mesh(surface.mesh, views),
+            view_agreement_m=scan.agreement_m,
         )
 
     def key_view(self) -> KeyView | None:
         """Chooses the view that shows the most parts; call it after `measure`."""
-        return find_key_view(self.views, self.segmenter)
+        return find_key_view(self.measured_views, self.segmenter)
 
     def _begin_fusion(self) -> DepthFusion:
         """Finds the region in the views so far and fuses them.
@@ -187,21 +199,20 @@ class DepthReconstruction:
             try:
                 fused.append(fusion.integrate(view))
             except ViewError as error:
-                self.refused_late.append(error)
+                self._refused_late.append(error)
         self._memory.replace_all(fused)
         return fusion
 
 
 def _quality_reasons(stack: MeasuredStack, found: FoundContainer, one_side: bool,
-                     views: list[View], region: Region) -> tuple[Reason, ...]:
+                     scan: AlignedScan) -> tuple[Reason, ...]:
     """Lists what qualifies a measured stack.
 
     Args:
         stack: as measured.
         found: the container as it was found.
         one_side: all views come from one side.
-        views: of the scan.
-        region: of the scan.
+        scan: the views as they were measured.
     """
     is_heap = stack.container.kind == "none"
     reasons = {
@@ -210,6 +221,7 @@ def _quality_reasons(stack: MeasuredStack, found: FoundContainer, one_side: bool
         Reason.NOTHING_FOUND: is_heap and stack.stack_volume == 0,
         Reason.CONTAINER_UNSURE: not found.sure,
         Reason.SIZE_DISAGREES: not found.as_given,
-        Reason.CUT_BY_IMAGE: is_heap and stack_leaves_every_image(views, region),
+        Reason.CUT_BY_IMAGE: is_heap and stack_leaves_every_image(scan.views, scan.fusion.region),
+        Reason.VIEWS_APART: not scan.agree,
     }
     return tuple(reason for reason, holds in reasons.items() if holds)

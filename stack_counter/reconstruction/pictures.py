@@ -64,6 +64,11 @@ class PictureReconstruction:
         """The views kept so far, whole."""
         return self._memory.views
 
+    @property
+    def measured_views(self) -> list[View]:
+        """The views that are measured: all that are kept."""
+        return self.views
+
     def add_view(self, view: View) -> None:
         """Keeps one view.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a scan can be right at all: views that agree, one container, and not cut off."""
+"""Whether a scan can be right at all: one container, and not cut off."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.container.rim import Rim, find_rim
-from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region, largest_blob
 from stack_counter.types import HeightMap, View
 
@@ -19,12 +18,7 @@ class PlausibilitySettings:
     """When a scan is refused or flagged; all values are chosen.
 
     Attributes:
-        agreement_stride: pixels between the points of two views that are compared.
-        max_pairs: largest number of pairs of successive views that are compared.
-        min_shared_points: least number of points that two views share, or that show a rim.
-        see_through_m: distance behind another view's point that one must see to contradict it, m.
-        see_through_noise: the same in standard deviations of a depth point.
-        max_contradicted: largest share of the points for which two views contradict each other.
+        min_rim_points: least number of points that show a rim.
         border_px: width of an image's border, pixels.
         max_border_share: largest share of the border that may show something standing.
         container_stride: pixels between the points in which a second container is looked for.
@@ -32,12 +26,7 @@ class PlausibilitySettings:
         min_rim_share: least share of its outline on which a second container's rim must show.
     """
 
-    agreement_stride: int = 8
-    max_pairs: int = 12
-    min_shared_points: int = 50
-    see_through_m: float = 0.02
-    see_through_noise: float = 5
-    max_contradicted: float = 0.25
+    min_rim_points: int = 50
     border_px: int = 3
     max_border_share: float = 0.02
     container_stride: int = 4
@@ -46,43 +35,6 @@ class PlausibilitySettings:
 
 
 SETTINGS = PlausibilitySettings()
-
-
-def check_agreement(views: list[View], depth_noise_m: float) -> None:
-    """Refuses a scan whose views see through each other's surfaces.
-
-    Args:
-        views: with depth.
-        depth_noise_m: standard deviation of a depth point, m.
-
-    Raises:
-        ScanError: the views of most pairs contradict each other.
-    """
-    # Measure how far each view sees behind the surface of the one before it.
-    indices = np.unique(np.linspace(0, len(views) - 1, SETTINGS.max_pairs + 1).astype(int))
-    pairs = [_distances_behind(views[a], views[b]) for a, b in zip(indices, indices[1:])]
-    pairs = [distances for distances in pairs if len(distances) >= SETTINGS.min_shared_points]
-    if not pairs:
-        return
-    # Refuse the scan if many points are seen through in the median pair.
-    limit = max(SETTINGS.see_through_m, SETTINGS.see_through_noise * depth_noise_m)
-    share = float(np.median([np.mean(distances > limit) for distances in pairs]))
-    if share > SETTINGS.max_contradicted:
-        apart = float(np.median(np.abs(np.concatenate(pairs))))
-        raise ScanError(f"the views disagree by {1000 * apart:.0f} mm, {share:.0%} of what one "
-                        "sees is free space to the next; expected below "
-                        f"{SETTINGS.max_contradicted:.0%}: "
-                        "poses of another frame or another time than the images")
-
-
-def _distances_behind(view: View, other: View) -> np.ndarray:
-    """(n,) metres that the other view sees behind a view's points, where both have depth."""
-    assert other.depth is not None  # for the type checker
-    points = geometry.world_points(view, SETTINGS.agreement_stride).reshape(-1, 3)
-    points = points[np.isfinite(points[:, 2])].astype(float)
-    pixels = geometry.project_into(other, points)
-    measured = other.depth[pixels.rows, pixels.cols]
-    return (measured - pixels.depth)[measured > 0]
 
 
 def stack_leaves_every_image(views: list[View], region: Region) -> bool:
@@ -127,7 +79,7 @@ def second_container(views: list[View], region: Region) -> str | None:
 
 def _find_coarse_rim(points: np.ndarray, region: Region) -> Rim | None:
     """Finds a rectangular or round rim in a few views' points; None if none is sure."""
-    if len(points) < SETTINGS.min_shared_points:
+    if len(points) < SETTINGS.min_rim_points:
         return None
     # Map the highest point of every cell.
     cell = SETTINGS.container_cell_m

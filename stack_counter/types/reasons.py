@@ -79,6 +79,10 @@ class Reason(str, Enum):
     SIZE_DISAGREES = (
         "size_disagrees", "The container that was found has another size than the configured "
         "one; check container_inner_size_m, or leave it at zeros to have it measured.", True)
+    VIEWS_APART = (
+        "views_apart", "The views' surfaces lie farther apart than noise explains, also after "
+        "registering them, so edges are blurred; calibrate the camera on the arm (hand-eye).",
+        True)
     VIEWS_LOST = (
         "views_lost", "Views that the collector had sent never reached the reconstructor, so V "
         "rests on fewer; check network and load of the machines, then scan again.", True)

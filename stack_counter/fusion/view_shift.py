@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far apart two views show one scene: a quick look at all that both see.
+
+It tells whether registration is needed, and whether it has helped; it does not replace it: from
+far off it falls short of the whole shift.
+
+Source: Chen and Medioni, "Object modelling by registration of multiple range images" (1992), for
+the distance from a point to the other view's plane; Holland and Welsch, "Robust regression using
+iteratively reweighted least-squares" (1977).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stack_counter import geometry
+from stack_counter.fusion.pose_graph import transform_about
+from stack_counter.fusion.region import Region
+from stack_counter.fusion.registration import pair_views
+from stack_counter.types import View
+
+
+@dataclass(frozen=True)
+class ShiftSettings:
+    """How the shift between two views is estimated; chosen on training scenes.
+
+    Attributes:
+        stride: pixels from one point that is used to the next.
+        max_pairs: largest number of pairs of successive views that are compared.
+        gate_m: largest distance of two points that are taken for the same, m.
+        kernel_m: distance from a plane at which a point's weight is one half, m.
+        kernel_noise: the same in standard deviations of a depth point; the larger holds.
+        points_per_fact: number of neighbouring points that say the same.
+        turn_std: turn that is expected where the points do not say, rad.
+        shift_std: shift that is expected where the points do not say, m.
+        rounds: number of least-squares problems.
+        min_points: least number of points that two views share.
+    """
+
+    stride: int = 4
+    max_pairs: int = 12
+    gate_m: float = 0.03
+    kernel_m: float = 0.003
+    kernel_noise: float = 2.0
+    points_per_fact: float = 10.0
+    turn_std: float = 0.02
+    shift_std: float = 0.01
+    rounds: int = 3
+    min_points: int = 50
+
+
+SETTINGS = ShiftSettings()
+
+
+def measure_agreement(views: list[View], region: Region) -> float:
+    """Median shift of the region's middle between successive views, m; 0 where none is known.
+
+    Args:
+        views: with depth.
+        region: where the stack is, with the noise of single depth points.
+    """
+    pairs = pair_views(len(views), 1)
+    chosen = np.unique(np.linspace(0, len(pairs) - 1, SETTINGS.max_pairs).astype(int)) \
+        if pairs else []
+    shifts = [measure_shift(views[first], views[second], region)
+              for first, second in (pairs[i] for i in chosen)]
+    known = [shift for shift in shifts if shift is not None]
+    return float(np.median(known)) if known else 0.0
+
+
+def measure_shift(first: View, second: View, region: Region) -> float | None:
+    """How far apart two views show the middle of a region, m; None if they share too little.
+
+    Args:
+        first, second: with depth.
+        region: where the stack is, with the noise of single depth points.
+    """
+    s = SETTINGS
+    # The first view's surface, and the second one's points.
+    surface = geometry.world_points(first, s.stride).astype(float)
+    if min(surface.shape[:2]) < 2:
+        return None
+    normals = np.cross(np.gradient(surface, axis=1), np.gradient(surface, axis=0))
+    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
+    points = geometry.world_points(second, s.stride).reshape(-1, 3).astype(float)
+    points = points[region.contains(points)]
+    pivot = np.append((region.low + region.high)[:2] / 2, region.plane_z)
+    kernel = max(s.kernel_m, s.kernel_noise * region.noise)
+    motion = np.zeros(6)
+    for _ in range(s.rounds):
+        # Project the moved points on that surface.
+        moved = geometry.apply(transform_about(motion, pivot), points)
+        pixels = geometry.project_into(first, moved)
+        rows, cols = pixels.rows // s.stride, pixels.cols // s.stride
+        moved, normal = moved[pixels.inside], normals[rows, cols]
+        difference = surface[rows, cols] - moved
+        distances = np.sum(normal * difference, axis=1)
+        near = np.isfinite(distances) & (np.linalg.norm(difference, axis=1) < s.gate_m)
+        if np.count_nonzero(near) < s.min_points:
+            return None
+        motion = motion + _motion_step(moved[near] - pivot, normal[near], distances[near], kernel,
+                                       motion)
+    return float(np.linalg.norm(motion[3:]))
+
+
+def _motion_step(points: np.ndarray, normals: np.ndarray, distances: np.ndarray, kernel: float,
+                 motion: np.ndarray) -> np.ndarray:
+    """Returns the (6,) turn and shift that bring points onto their planes, by weighted squares.
+
+    Args:
+        points: (n, 3) m, about the pivot.
+        normals: (n, 3) of the planes.
+        distances: (n,) of the points from them, m.
+        kernel: distance at which a point's weight is one half, m.
+        motion: (6,) so far; what the points do not say is expected to be 0 in all.
+    """
+    prior = np.repeat([SETTINGS.turn_std, SETTINGS.shift_std], 3)**-2.0
+    design = np.concatenate([np.cross(points, normals), normals], axis=1)
+    weights = 1 / (1 + (distances / kernel)**2) / (kernel**2 * SETTINGS.points_per_fact)
+    information = (design * weights[:, None]).T @ design + np.diag(prior)
+    return np.linalg.solve(information, (design * weights[:, None]).T @ distances - prior * motion)

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Views that contradict each other are named, left out or refused, in any order."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from kits.analytic import Scene
+
+from stack_counter import geometry
+from stack_counter.config import ReconstructorConfig
+from stack_counter.errors import ScanError
+from stack_counter.pipeline import StackCounter
+from stack_counter.reconstruction.view_agreement import (
+    ViewPair,
+    check_agreement,
+    compare_views,
+    contradicting_views,
+)
+
+INNER, FILL = (0.3, 0.2, 0.12), 0.07
+TRUE_VOLUME = 0.3 * 0.2 * FILL
+
+
+def bin_views(count=12, **how):
+    return [replace(view, camera="camera_optical_frame") for view in
+            Scene().bin(INNER, 0.005, 0.005, FILL).views(count, noise=0.001, **how)]
+
+
+def shorten(views, index, by=0.08):
+    """The views, of which one measures depth too short."""
+    short = replace(views[index], depth=np.maximum(views[index].depth - np.float32(by), 0))
+    return [*views[:index], short, *views[index + 1:]]
+
+
+def measure(views, **settings):
+    counter = StackCounter(ReconstructorConfig(**settings))
+    for view in views:
+        counter.add_view(view)
+    return counter.volume()
+
+
+def test_good_views_agree_to_their_noise():
+    pairs = compare_views(bin_views(), 0.001)
+    assert len(pairs) == 24
+    assert max(pair.apart_m for pair in pairs) < 0.002
+    assert contradicting_views(pairs, 12) == []
+
+
+@pytest.mark.parametrize("wrong", ["shifted", "inverted"])
+def test_views_with_the_poses_of_others_are_refused(wrong):
+    views = bin_views()
+    poses = [v.T_world_camera for v in views]
+    bad = poses[1:] + poses[:1] if wrong == "shifted" else [geometry.inverse(T) for T in poses]
+    views = [replace(v, T_world_camera=T) for v, T in zip(views, bad)]
+    with pytest.raises(ScanError, match=r"the views disagree by \d+ mm"):
+        check_agreement(views, compare_views(views, 0.001), 3)
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_one_of_two_views_that_is_short_is_refused_in_either_order(index):
+    """Nothing says which of the two is right: both are named."""
+    with pytest.raises(ScanError, match=r"disagree by \d+ mm.* \(off: view 1 of camera_optical_"
+                                        r"frame at 0\.000 s, view 2 of .* at 1\.000 s\)"):
+        measure(shorten(bin_views(2), index), min_views=1)
+
+
+@pytest.mark.parametrize("index", [0, 1, 7])
+def test_one_short_view_of_twelve_is_left_out_and_counted(index):
+    volume = measure(shorten(bin_views(), index))
+    assert volume.views.skipped == {"contradicts_others": 1} and volume.views.used == 11
+    assert volume.stack_volume == pytest.approx(TRUE_VOLUME, rel=0.03)
+
+
+def test_of_three_views_the_one_that_is_off_is_named_where_two_are_too_few():
+    with pytest.raises(ScanError, match=r"\(off: view 2 of [^,]*\)"):
+        measure(shorten(bin_views(3), 1), min_views=3)
+
+
+def test_what_contradicts_only_the_wrong_view_is_not_to_blame():
+    shares = {(0, 1): 1.0, (0, 2): 0.0, (1, 2): 1.0}
+    pairs = [ViewPair(*views, share, 0.0) for views, share in shares.items()]
+    assert contradicting_views(pairs, 3) == [1]
+
+
+def test_two_views_that_contradict_are_both_off():
+    assert sorted(contradicting_views([ViewPair(0, 1, 0.9, 0.1)], 2)) == [0, 1]
