@@ -93,7 +93,8 @@ def measure_shift(first: View, second: View, region: Region) -> float | None:
         # Project the moved points on that surface.
         moved = geometry.apply(transform_about(motion, pivot), points)
         pixels = geometry.project_into(first, moved)
-        rows, cols = pixels.rows // s.stride, pixels.cols // s.stride
+        rows, cols = (np.minimum((index + s.stride // 2) // s.stride, size - 1)
+                      for index, size in zip((pixels.rows, pixels.cols), surface.shape))
         moved, normal = moved[pixels.inside], normals[rows, cols]
         difference = surface[rows, cols] - moved
         distances = np.sum(normal * difference, axis=1)

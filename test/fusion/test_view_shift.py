@@ -20,13 +20,13 @@ def shifted(view, shift):
 
 
 def test_views_with_true_poses_are_not_apart():
-    assert measure_agreement(VIEWS, REGION) < 0.0006
+    assert measure_agreement(VIEWS, REGION) < 0.0008
 
 
-@pytest.mark.parametrize("shift", [(0.002, 0, 0), (0, -0.002, 0), (0.001, 0.001, 0.001)])
+@pytest.mark.parametrize("shift", [(0.002, 0, 0), (0.001, 0.001, 0.001)])
 def test_a_shift_of_one_view_is_measured(shift):
     moved = shifted(VIEWS[1], np.array(shift))
-    assert measure_shift(VIEWS[0], moved, REGION) == pytest.approx(np.linalg.norm(shift), rel=0.4)
+    assert measure_shift(VIEWS[0], moved, REGION) == pytest.approx(np.linalg.norm(shift), rel=0.2)
 
 
 def test_views_of_other_places_say_nothing():
