@@ -103,7 +103,8 @@ def lift_to_support(views: list[View], region: Region) -> list[View]:
                              for view in views])
     if len(beside) < SETTINGS.min_points:
         return views
-    lift = geometry.pose(np.eye(3), [0, 0, region.plane_z - np.median(beside[:, 2])])
+    shift = np.array([0, 0, region.plane_z - np.median(beside[:, 2])])
+    lift = geometry.pose(np.eye(3), shift)
     return [replace(view, T_world_camera=lift @ view.T_world_camera) for view in views]
 
 

@@ -62,10 +62,9 @@ def measure_agreement(views: list[View], region: Region) -> float:
         region: where the stack is, with the noise of single depth points.
     """
     pairs = pair_views(len(views), 1)
-    chosen = np.unique(np.linspace(0, len(pairs) - 1, SETTINGS.max_pairs).astype(int)) \
-        if pairs else []
+    every = max(1, -(-len(pairs) // SETTINGS.max_pairs))
     shifts = [measure_shift(views[first], views[second], region)
-              for first, second in (pairs[i] for i in chosen)]
+              for first, second in pairs[::every]]
     known = [shift for shift in shifts if shift is not None]
     return float(np.median(known)) if known else 0.0
 
