@@ -114,8 +114,8 @@ def test_tf_that_comes_late_stops_or_jumps(ros):
     camera.publish_pose(0, 20_000_000)  # late, but within the timeout
     ros.wait(lambda: len(taker.images) == 1, "the view that waited for its pose")
     camera(1, with_tf=False)
-    camera.publish_pose(1, -500_000_000)
-    camera.publish_pose(1, 500_000_000)  # too far apart to interpolate in
+    camera.publish_pose(0, 500_000_000)
+    camera.publish_pose(2, -500_000_000)  # another pose, too far apart to interpolate in
     ros.wait(lambda: cell.skipped("tf") == {"no_tf": 1}, "a skip")
     camera(2, with_tf=False)  # and none at all
     ros.wait(lambda: cell.skipped("tf") == {"no_tf": 2}, "another")
