@@ -106,6 +106,8 @@ class ReconstructorConfig:
                                              "its size along world x y z, m; zeros: found", 0.0)
     regions: tuple[NamedRegion, ...] = _setting(
         (), "named regions, each counted by itself, in place of roi_center_m and roi_size_m")
+    support_height_m: float = _setting(math.nan, "world z of the plane that containers stand on, "
+                                                 "m; .nan: found in what is seen")
     container: str = _setting("", "name of a taught container; empty: none")
     container_catalogue: str = _setting("", "file of the taught containers; empty: "
                                             "config/containers.yaml")
@@ -129,6 +131,8 @@ class ReconstructorConfig:
                                    choices=("found", "given"))
     container_xyyaw: tuple[float, ...] = _setting(
         (0.0, 0.0, 0.0), "x, y (m, world) and yaw (rad) of the container, if given")
+    container_base_m: float = _setting(math.nan, "height of the container's underside above the "
+                                                 "support plane, m; .nan: measured")
     hull_min_share: float = _setting(0.5, "share of the views that must see a voxel for it to "
                                           "stand, when there is no depth", 0.0, 1.0)
     report_folder: str = _setting("", "folder into which the service write_report writes; empty: "
@@ -221,6 +225,8 @@ def _check_value(setting: dataclasses.Field, value: Any) -> Any:
     elif isinstance(default, float) and isinstance(value, (int, float)) \
             and not isinstance(value, bool):
         value = float(value)
+        if math.isnan(value) and math.isnan(default):  # not set; the same object compares equal
+            return default
         numbers = (value,)
     elif type(value) is not type(default):
         raise ConfigError(f"{setting.name} is {value!r}; expected {type(default).__name__}")

@@ -114,17 +114,20 @@ def make_configured_container(config: ReconstructorConfig, region: Region) -> Co
         shape = RoundWall(np.array([x, y, size[0] / 2 + wall, 0.0, 0.0]))
     shape = _with_floor_size(shape, wall, size[2], config)
     floor = config.container_floor_m or wall
-    return make_container(shape, wall, floor + size[2], floor, region.plane_z)
+    base = config.container_base_m if np.isfinite(config.container_base_m) else 0.0
+    return make_container(shape, wall, floor + size[2], floor, region.plane_z + base)
 
 
-def make_fitted_container(shape: WallShape, thickness: float, height: float, region: Region,
-                          config: ReconstructorConfig, worn: float = 0.0) -> Container:
+def make_fitted_container(shape: WallShape, thickness: float, height: float, base: float,
+                          region: Region, config: ReconstructorConfig, worn: float = 0.0
+                          ) -> Container:
     """Makes the container of a fitted wall; configured sizes replace the fitted ones.
 
     Args:
         shape: fitted outer face, world frame.
         thickness: of the wall, metres, measured horizontally.
         height: of the rim above the support plane, metres.
+        base: height of the underside above the support plane, metres.
         region: with the height of the support plane.
         config: `container_inner_size_m`, `container_floor_size_m` and `container_floor_m`; zeros
             are measured.
@@ -142,12 +145,13 @@ def make_fitted_container(shape: WallShape, thickness: float, height: float, reg
         shape = RoundWall(np.array([*shape.params[:2], size[0] / 2 + thickness,
                                     *shape.params[3:]]))
     # Floor, as thick as the wall where it is not configured, and depth.
+    height -= base
     floor = config.container_floor_m or thickness
     if size[2]:
         floor = config.container_floor_m or max(height + worn - size[2], 0.0)
         height = floor + size[2]
     shape = _with_floor_size(shape, thickness, height - floor, config)
-    return make_container(shape, thickness, height, floor, region.plane_z)
+    return make_container(shape, thickness, height, floor, region.plane_z + base)
 
 
 def has_given_size(shape: WallShape, thickness: float, height: float,

@@ -9,6 +9,7 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
+from stack_counter.container.base import find_base
 from stack_counter.container.construction import (
     has_given_size,
     make_configured_container,
@@ -16,8 +17,19 @@ from stack_counter.container.construction import (
     no_container,
     worn_rim_height,
 )
+from stack_counter.container.openings import (
+    find_openings,
+    isolate_opening,
+    several_containers,
+)
 from stack_counter.container.rim import Rim, find_rim
-from stack_counter.container.wall_fit import FittedWall, Thickness, find_face_points, fit_wall
+from stack_counter.container.wall_fit import (
+    FacePoints,
+    FittedWall,
+    Thickness,
+    find_face_points,
+    fit_wall,
+)
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region, seen_from_one_side
 from stack_counter.fusion.surface import FusedSurface
@@ -52,6 +64,7 @@ class DetectionSettings:
         rim_std: standard deviation of a wall's thickness measured on its rim, m.
         unknown_thickness: what is assumed where nothing shows the thickness.
         configured_std: standard deviation of a configured thickness, m.
+        max_beyond_region: distance beyond a configured region up to which a rim may reach, m.
     """
 
     map_pitch: float = 0.001
@@ -72,6 +85,7 @@ class DetectionSettings:
     rim_std: float = 0.001
     unknown_thickness: Thickness = Thickness(mean=0.004, std=0.01)
     configured_std: float = 1e-6
+    max_beyond_region: float = 0.004
 
 
 SETTINGS = DetectionSettings()
@@ -99,14 +113,16 @@ class _Candidate:
     Attributes:
         rim: as found in the map.
         wall: below it.
+        points: that the wall was fitted to, with others among them.
     """
 
     rim: Rim
     wall: FittedWall
+    points: FacePoints
 
 
 def find_container(surface: FusedSurface, views: list[View], region: Region, voxel_size: float,
-                   config: ReconstructorConfig) -> FoundContainer:
+                   config: ReconstructorConfig, unit_volume: float = 0.0) -> FoundContainer:
     """Makes the container as configured, or finds it.
 
     Args:
@@ -115,34 +131,40 @@ def find_container(surface: FusedSurface, views: list[View], region: Region, vox
         region: where to look; its `plane_z` is the support plane.
         voxel_size: metres.
         config: `container_*` settings; zeros are measured.
+        unit_volume: volume of one part, m3; 0: not known.
 
     Returns:
         A container of kind `box`, `round`, `free` or `none`, the floor's thickness being the
         configured one, else the wall's.
 
     Raises:
-        ScanError: a kind is configured and no such rim is found.
+        ScanError: a kind is configured and no such rim is found, several containers are, or the
+            one that is reaches beyond a configured region.
     """
     if config.container_kind == "none":
         return FoundContainer(no_container(region), True)
     if config.container_pose == "given":
         return FoundContainer(make_configured_container(config, region), True)
     # Find a rim, and fit the wall below it.
-    top = rim_map(surface, region, voxel_size)
+    everything = rim_map(surface, region, voxel_size)
+    top = choose_opening(everything, region, unit_volume)
     rim = find_rim(top, region.noise_height, config.container_kind)
-    wall = None if rim is None else _fit_wall_below(rim, views, region, config)
-    candidate = _Candidate(rim, wall) if rim is not None and wall is not None else None
+    candidate = None if rim is None else _fit_wall_below(rim, views, region, config)
     # Decide whether they are a container's.
     if candidate is not None and _is_accepted(candidate, views, region):
-        container = make_fitted_container(candidate.wall.shape, candidate.wall.thickness,
-                                          candidate.rim.height, region, config,
-                                          worn_rim_height(candidate.wall.thickness, voxel_size))
-        return FoundContainer(container, True, has_given_size(
-            candidate.wall.shape, candidate.wall.thickness, candidate.rim.height, config))
+        shape, thickness = candidate.wall.shape, candidate.wall.thickness
+        rim_height, worn = candidate.rim.height, worn_rim_height(thickness, voxel_size)
+        base = find_base(everything, views, candidate.wall, candidate.points, rim_height, worn,
+                         region, config)
+        container = make_fitted_container(shape, thickness, rim_height, base, region, config, worn)
+        check_reach(container, region)
+        as_given = has_given_size(shape, thickness, rim_height if region.support_certain
+                                  else np.inf, config)
+        return FoundContainer(container, True, as_given)
     if config.container_kind != "auto":
         raise ScanError(f"no {config.container_kind} container found: a level rim on "
                         f"{rim.outline_share if rim else 0.0:.0%} of its outline, a wall below it "
-                        f"on {wall.best_face_share if wall else 0.0:.0%}; expected "
+                        f"on {candidate.wall.best_face_share if candidate else 0.0:.0%}; expected "
                         f"{SETTINGS.min_rim:.0%} and {SETTINGS.min_face:.0%}")
     return FoundContainer(no_container(region), candidate is None or not _is_rim_like(candidate))
 
@@ -162,14 +184,48 @@ def rim_map(surface: FusedSurface, region: Region, voxel_size: float) -> HeightM
     return surface.heights(T_world_map, pitch, (rows, cols))
 
 
+def choose_opening(top: HeightMap, region: Region, unit_volume: float) -> HeightMap:
+    """The map without what stands beside the one container in it.
+
+    Args:
+        top: map of the region.
+        region: with the height of the support plane.
+        unit_volume: volume of one part, m3; 0: not known.
+
+    Raises:
+        ScanError: several containers, e.g. bins side by side.
+    """
+    openings = find_openings(top, unit_volume)
+    if len(openings) > 1:
+        raise several_containers(openings, region)
+    return isolate_opening(top, openings[0]) if openings else top
+
+
+def check_reach(container: Container, region: Region) -> None:
+    """Refuses a container that reaches beyond a configured region.
+
+    Raises:
+        ScanError: it does; the region cuts through something.
+    """
+    if not region.configured or container.rings is None:
+        return
+    rim = geometry.apply(container.T_world_container, container.rings[-1])[:, :2]
+    beyond = max(float((region.low[:2] - rim).max()), float((rim - region.high[:2]).max()))
+    if beyond > SETTINGS.max_beyond_region:
+        raise ScanError(f"the container reaches {1000 * beyond:.0f} mm beyond the region of "
+                        "interest; expected all of it inside: enlarge roi_size_m or move "
+                        "roi_center_m")
+
+
 def _fit_wall_below(rim: Rim, views: list[View], region: Region, config: ReconstructorConfig
-                    ) -> FittedWall | None:
-    """The wall fitted below a rim; None if the rim is too low."""
+                    ) -> _Candidate | None:
+    """The rim with the wall fitted below it; None if the rim is too low."""
     if rim.height < SETTINGS.min_rim_height:
         return None
     thickness = _expected_thickness(rim, views, region, config)
     points = find_face_points(views, region, rim.outline, rim.height)
-    return fit_wall(rim.outline, points, rim.height, thickness, noise=region.noise)
+    wall = fit_wall(rim.outline, points, rim.height, thickness, noise=region.noise)
+    return _Candidate(rim, wall, points)
 
 
 def _expected_thickness(rim: Rim, views: list[View], region: Region, config: ReconstructorConfig

@@ -9,11 +9,18 @@ import numpy as np
 from typing_extensions import override
 
 from stack_counter.config import ReconstructorConfig
+from stack_counter.container.base import SETTINGS as BASE_SETTINGS
+from stack_counter.container.base import find_lower_edge
 from stack_counter.container.catalogue import TaughtContainer
 from stack_counter.container.construction import make_container, worn_rim_height
 from stack_counter.container.detection import SETTINGS as DETECTION_SETTINGS
-from stack_counter.container.detection import rim_map
+from stack_counter.container.detection import check_reach, rim_map
 from stack_counter.container.inner_map import grown_downwards, sample_heights, with_inner_map
+from stack_counter.container.openings import (
+    find_openings,
+    isolate_opening,
+    several_containers,
+)
 from stack_counter.container.rim import (
     find_rim_points,
     measure_outline_share,
@@ -120,40 +127,46 @@ class PlacedWall(WallShape):
 
 
 def place_container(taught: TaughtContainer, surface: FusedSurface, views: list[View],
-                    region: Region, voxel_size: float, config: ReconstructorConfig) -> Container:
+                    region: Region, voxel_size: float, config: ReconstructorConfig,
+                    unit_volume: float = 0.0) -> Container:
     """Finds where a taught container stands in this scan.
 
     Args:
         taught: its shape and sizes.
         surface: fused from the views.
         views: with depth.
-        region: where to look. The support plane is taken to lie where the rim's height puts it, as
-            that is how the floor below the stack stands to the surface above it.
+        region: where to look. The container's underside is taken to lie where the rim's height
+            puts it, as that is how the floor below the stack stands to the surface above it.
         voxel_size: metres.
-        config: `container_pose`, and with it `container_xyyaw`; `container` names it in errors.
+        config: `container_pose`, and with it `container_xyyaw`; `container_base_m`; `container`
+            names it in errors.
+        unit_volume: volume of one part, m3; 0: not known.
 
     Raises:
-        ScanError: no rim of that outline at that height.
+        ScanError: no rim of that outline, several containers, or one that reaches beyond a
+            configured region or stands lower than its height would have it.
     """
     taught, rim_by_cad = _as_fused(taught, voxel_size), taught.rim_m
     # Candidate poses: configured, or where the outline meets the rim.
     top = rim_map(surface, region, voxel_size)
-    configured = config.container_pose == "given"
-    candidates = [PlacedWall(np.array(config.container_xyyaw), taught.wall_shape)] if configured \
-        else _fit_to_rim(taught, top, region.noise_height, config.container)
-    # Height of the support plane by that of the rim.
-    rim_m = measure_rim_height(top, candidates[0], taught.wall_m, taught.rim_m)
-    region = replace(region, plane_z=region.plane_z + (rim_m - taught.rim_m))
+    candidates, expected_rim = _find_candidates(taught, top, region, config, unit_volume)
+    # Height of the underside by that of the rim.
+    rim = measure_rim_height(top, candidates[0], taught.wall_m, expected_rim)
+    base = rim - taught.rim_m
+    region = replace(region, plane_z=region.plane_z + base)
     wall = candidates[0]
-    if not configured:
+    if config.container_pose != "given":
         # The candidate that the walls agree with, fitted to them.
         points = find_face_points(views, region, wall, taught.rim_m)
         wall = min(candidates, key=lambda w: _face_distance(w, points, taught.wall_m)
-                   + _sunk_depth(w, taught, top, rim_m - taught.rim_m))
+                   + _sunk_depth(w, taught, top, base))
         thickness = Thickness(taught.wall_m, SETTINGS.thickness_std)
         fitted = fit_wall(wall, points, taught.rim_m, thickness, region.noise)
         wall = wall.with_params(fitted.shape.params)
+    _check_walls_end(wall, views, replace(region, plane_z=region.plane_z - base), rim, base,
+                     config.container)
     container = make_container(wall, taught.wall_m, taught.rim_m, taught.floor_m, region.plane_z)
+    check_reach(container, region)
     return container if taught.inner_map is None else with_inner_map(
         container, taught.inner_map, rim_by_cad)
 
@@ -165,15 +178,71 @@ def _as_fused(taught: TaughtContainer, voxel_size: float) -> TaughtContainer:
     return replace(taught, rim_m=taught.rim_m - worn_rim_height(taught.wall_m, voxel_size))
 
 
-def _fit_to_rim(taught: TaughtContainer, top: HeightMap, min_height: float, name: str
-                ) -> list[PlacedWall]:
-    """The wall in all the poses in which its outline meets the rim.
+def _find_candidates(taught: TaughtContainer, top: HeightMap, region: Region,
+                     config: ReconstructorConfig, unit_volume: float
+                     ) -> tuple[list[PlacedWall], float]:
+    """Poses in which a taught container may stand, and the height of its rim there, metres.
+
+    Raises:
+        ScanError: no rim of that outline, or several containers.
+    """
+    openings = find_openings(top, unit_volume)
+    if len(openings) == 1:
+        top = isolate_opening(top, openings[0])
+    # The rim of one that stands on the plane, or on a configured base; then any rim.
+    if np.isfinite(config.container_base_m):
+        heights = [config.container_base_m + taught.rim_m]
+    else:
+        heights = [taught.rim_m, find_rim_points(top, region.noise_height).height]
+    if config.container_pose == "given":
+        placed = PlacedWall(np.array(config.container_xyyaw), taught.wall_shape)
+        shares = [measure_outline_share(
+            placed, find_rim_points(top, region.noise_height, height).xy, top.pitch)
+            for height in heights]
+        return [placed], heights[int(np.argmax(shares))]
+    refusals = []
+    for height in heights:
+        try:
+            return _fit_to_rim(taught, top, region.noise_height, height, config.container), height
+        except ScanError as error:
+            refusals.append(error)
+    raise several_containers(openings, region) if len(openings) > 1 else refusals[0]
+
+
+def _check_walls_end(wall: PlacedWall, views: list[View], region: Region, rim: float, base: float,
+                     name: str) -> None:
+    """Refuses a raised container whose walls are seen below its underside: it is another one.
+
+    Args:
+        wall: placed.
+        views: with depth.
+        region: with the support plane.
+        rim, base: heights of its rim and its underside above that plane, metres.
+        name: of the container.
+
+    Raises:
+        ScanError: they are.
+    """
+    if base < BASE_SETTINGS.min_height:
+        return
+    points = find_face_points(views, region, wall, rim)
+    if find_lower_edge(wall, points, rim) < base - BASE_SETTINGS.min_height:
+        raise ScanError(f"container '{name}' not found: a rim {rim:.3f} m high with walls below "
+                        f"{base:.3f} m; expected {rim - base:.3f} m from rim to underside")
+
+
+def _fit_to_rim(taught: TaughtContainer, top: HeightMap, min_height: float, rim_height: float,
+                name: str) -> list[PlacedWall]:
+    """The wall in all the poses in which its outline meets a rim of that height.
 
     An outline with symmetries has several.
+
+    Raises:
+        ScanError: there is none.
     """
     s = SETTINGS
     # Try all yaws about the rim's middle.
-    points = find_rim_points(top, min_height, taught.rim_m)
+    points = find_rim_points(top, min_height, rim_height)
     level, scale = np.zeros(len(points.xy)), rim_point_std(top.pitch)
     turned = [PlacedWall(np.append(points.center, yaw), taught.wall_shape)
               for yaw in 2 * np.pi * np.arange(s.yaws) / s.yaws]

@@ -180,13 +180,29 @@ def measure_rim_height(top: HeightMap, shape: WallShape, thickness: float, heigh
         thickness: of the wall, metres.
         height: expected, metres; returned where the rim does not show.
     """
-    inside = _cell_depth_inside(top, shape)
+    inside = map_depth_inside(top, shape)
     outside = SETTINGS.profile_start
     rim = top.heights.ravel()[(inside > -outside) & (inside < thickness + outside)]
     for _ in range(2):  # what counts as level depends on the height
         level = rim[np.abs(rim - height) < SETTINGS.level]
         height = float(np.median(level)) if len(level) else height
     return height
+
+
+def map_depth_inside(top: HeightMap, shape: WallShape) -> np.ndarray:
+    """Distance by which a map's cells lie inside a shape's outline at the rim.
+
+    Args:
+        top: whose cells are looked at.
+        shape: the outline.
+
+    Returns:
+        (rows * cols,) metres, negative outside.
+    """
+    T = top.T_world_map
+    rows, cols = np.mgrid[:top.heights.shape[0], :top.heights.shape[1]]
+    xy = (np.stack([cols.ravel(), rows.ravel()], 1) + 0.5) * top.pitch @ T[:2, :2].T + T[:2, 3]
+    return shape.depth_inside(xy, np.zeros(len(xy)))
 
 
 def _level_ring(top: HeightMap, min_height: float, height: float) -> _Ring:
@@ -249,14 +265,6 @@ def _first_guesses(points: RimPoints, kind: str) -> list[WallShape]:
     return list(guesses.values()) if kind == "auto" else [guesses[kind]]
 
 
-def _cell_depth_inside(top: HeightMap, shape: WallShape) -> np.ndarray:
-    """(rows * cols,) metres that the cells' middles lie inside a shape's outline at the rim."""
-    T = top.T_world_map
-    rows, cols = np.mgrid[:top.heights.shape[0], :top.heights.shape[1]]
-    xy = (np.stack([cols.ravel(), rows.ravel()], 1) + 0.5) * top.pitch @ T[:2, :2].T + T[:2, 3]
-    return shape.depth_inside(xy, np.zeros(len(xy)))
-
-
 def _find_edges(top: HeightMap, shape: WallShape, height: float) -> _RimEdges:
     """Finds the ring's edges across an outline.
 
@@ -265,7 +273,7 @@ def _find_edges(top: HeightMap, shape: WallShape, height: float) -> _RimEdges:
     """
     s = SETTINGS
     # Profile across the outline: share of cells level with the rim by distance inwards.
-    inside = _cell_depth_inside(top, shape)
+    inside = map_depth_inside(top, shape)
     band = (inside > -s.profile_start) & (inside < s.widest_share * inside.max())
     step = ((inside[band] + s.profile_start) / s.profile_step).astype(int)
     above = top.heights.ravel()[band] - height

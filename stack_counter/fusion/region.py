@@ -12,6 +12,8 @@ from scipy import ndimage
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
+from stack_counter.fusion.support import SETTINGS as SUPPORT_SETTINGS
+from stack_counter.fusion.support import find_support_plane
 from stack_counter.types import View
 
 
@@ -28,8 +30,6 @@ class RegionSettings:
         min_height: least height above the plane of what is looked at, m.
         noise_factor: the same in standard deviations of single points.
         cell_noise_factor: the same in standard deviations of the cells' mean heights.
-        plane_bin: step of the histogram of heights in which the plane is found, m.
-        plane_reach: distance from that histogram's peak of points that measure the plane, m.
         margin: plane kept around the blob, m: the container's foot and some support.
         growth: farthest that one view can grow the region, m.
         min_piece_share: least number of points of a piece on a table, over that of the largest.
@@ -45,8 +45,6 @@ class RegionSettings:
     min_height: float = 0.006
     noise_factor: float = 4.0
     cell_noise_factor: float = 5.0
-    plane_bin: float = 0.002
-    plane_reach: float = 0.015
     margin: float = 0.04
     growth: float = 0.1
     min_piece_share: float = 0.1
@@ -65,12 +63,16 @@ class Region:
         low, high: (3,) corners, metres.
         plane_z: height of the support plane, metres.
         noise: standard deviation of single depth points around that plane, metres.
+        support_certain: False if that plane may be level parts, as no support is in sight.
+        configured: given by the settings, so that nothing beyond it is counted.
     """
 
     low: np.ndarray
     high: np.ndarray
     plane_z: float
     noise: float
+    support_certain: bool = True
+    configured: bool = False
 
     @property
     def noise_height(self) -> float:
@@ -107,33 +109,35 @@ class Region:
 def find_region(views: list[View], config: ReconstructorConfig) -> Region:
     """Finds the support plane and the largest thing that stands on it.
 
-    The plane is the horizontal one with the most area in sight (z is up in the world); the blob
-    is the connected footprint with the most points above it.
+    The plane is the horizontal one with the most area in sight (z is up in the world), the
+    configured one, or the one below a configured region; the blob is the connected footprint with
+    the most points above it.
 
     Args:
         views: first views of the scan, with depth.
-        config: a configured region (`roi_size_m`) is used as given; the plane is found in it.
+        config: a configured region (`roi_size_m`) is used as given and says what is counted; the
+            plane is found in all that is seen, unless `support_height_m` says where it is.
 
     Raises:
         ScanError: no plane, or nothing in sight.
     """
     points = _depth_points(views)
-    # Crop to the configured region.
-    configured = np.any(config.roi_size_m)
+    configured = any(config.roi_size_m)
     center, size = np.array(config.roi_center_m), np.array(config.roi_size_m)
-    if configured:
-        points = points[np.all(np.abs(points - center) <= size / 2, axis=1)]
-    if len(points) < SETTINGS.min_points:
-        raise ScanError(f"{len(points)} depth points in the region of interest; "
+    low, high = center - size / 2, center + size / 2
+    inside = points[np.all((points >= low) & (points <= high), axis=1)] if configured else points
+    if len(inside) < SETTINGS.min_points:
+        raise ScanError(f"{len(inside)} depth points in the region of interest; "
                         f"expected {SETTINGS.min_points} or more")
     # Find the support plane.
-    plane_z, noise = _support_plane(points)
-    noise = min(noise, _noise_of_views(views, plane_z))
-    everything = Region(points.min(axis=0), points.max(axis=0), plane_z, noise)
+    plane = find_support_plane(points, config.support_height_m,
+                               *((low, high) if configured else ()))
+    everything = Region(points.min(axis=0), points.max(axis=0), plane.height,
+                        min(plane.noise, _noise_of_views(views, plane.height)),
+                        plane.is_certain, configured)
     if configured:
-        low = center - size / 2
-        low[2] = min(low[2], plane_z - SETTINGS.margin)
-        return replace(everything, low=low, high=center + size / 2)
+        low[2] = min(low[2], plane.height - SETTINGS.margin)
+        return replace(everything, low=low, high=high)
     # Find the largest blob that stands on it.
     blob = largest_blob(_standing_points(points, everything))
     return _region_around(blob, everything) if len(blob) else everything
@@ -197,12 +201,17 @@ def crop_to_region(view: View, region: Region) -> View:
     return geometry.crop(view, pixels.min(axis=0), pixels.max(axis=0))
 
 
+def find_blobs(points: np.ndarray) -> list[np.ndarray]:
+    """Splits (n, 3) world points by connected footprints, those with the most points first."""
+    footprints = _label_footprints(points)
+    order = np.argsort(-footprints.counts, kind="stable")
+    return [points[footprints.label_of_point == label] for label in order
+            if footprints.counts[label]]
+
+
 def largest_blob(points: np.ndarray) -> np.ndarray:
     """The world points, of (n, 3), of the connected footprint that holds the most of them."""
-    if not len(points):
-        return points
-    footprints = _label_footprints(points)
-    return points[footprints.label_of_point == np.argmax(footprints.counts)]
+    return find_blobs(points)[0] if len(points) else points
 
 
 def _depth_points(views: Iterable[View]) -> np.ndarray:
@@ -237,23 +246,6 @@ def _region_around(blob: np.ndarray, region: Region) -> Region:
     return replace(region, low=low - SETTINGS.margin, high=blob.max(axis=0) + SETTINGS.margin)
 
 
-def _support_plane(points: np.ndarray) -> tuple[float, float]:
-    """Height of the horizontal plane with the most area, and the noise of points around it."""
-    s = SETTINGS
-    # Points thin out with distance squared: one vote for each cell and height levels that out.
-    voxels = np.unique(np.floor(points / [s.cell, s.cell, s.plane_bin]).astype(np.int64), axis=0)
-    level, votes = np.unique(voxels[:, 2], return_counts=True)
-    # The peak of the smoothed histogram of heights.
-    padded = np.zeros(level[-1] - level[0] + 3)
-    padded[level - level[0] + 1] = votes
-    smooth = np.convolve(padded, np.ones(3), mode="same")
-    mode = (np.argmax(smooth) - 1 + level[0] + 0.5) * s.plane_bin
-    # Median and robust standard deviation of the points around it.
-    near = points[np.abs(points[:, 2] - mode) < s.plane_reach, 2]
-    height = float(np.median(near))
-    return height, float(_MAD_TO_STD * np.median(np.abs(near - height)))
-
-
 def _noise_of_views(views: list[View], plane_z: float) -> float:
     """Noise of points around the plane that each view shows for itself, m; infinite for too few.
 
@@ -262,7 +254,7 @@ def _noise_of_views(views: list[View], plane_z: float) -> float:
     deviations = []
     for view in views:
         points = _depth_points([view]).astype(float)
-        near = points[np.abs(points[:, 2] - plane_z) < SETTINGS.plane_reach]
+        near = points[np.abs(points[:, 2] - plane_z) < SUPPORT_SETTINGS.plane_reach]
         if len(near) >= SETTINGS.min_points:
             design = np.column_stack([np.ones(len(near)), near[:, :2]])
             rest = near[:, 2] - design @ np.linalg.lstsq(design, near[:, 2], rcond=None)[0]

@@ -23,8 +23,9 @@ from stack_counter.reconstruction.geometry_checks import check_geometry
 from stack_counter.reconstruction.integral import MeasuredStack
 from stack_counter.reconstruction.key_view import find_key_view
 from stack_counter.reconstruction.plausibility import (
-    second_container,
+    refuse_further_containers,
     stack_leaves_every_image,
+    stack_leaves_region,
 )
 from stack_counter.reconstruction.stack_volume import measure_stack
 from stack_counter.reconstruction.view_memory import ViewMemory
@@ -65,7 +66,7 @@ class DepthReconstruction:
         self._first_views = 1 if config.live else min(SETTINGS.first_views, config.min_views)
         self._memory = ViewMemory(config.live)
         self._fusion: DepthFusion | None = None  # once the first views say where the stack is
-        self._second_container: str | None = None
+        self._second_container: ScanError | None = None
         self._label_images_given = False
         self._refused_late: list[ViewError] = []  # once the region was known
         self._left_out: tuple[ViewError, ...] = ()  # by the last measurement
@@ -106,7 +107,8 @@ class DepthReconstruction:
                                         "expected alike")
         view = clip_depth(view, self._config.depth_min, self._config.depth_trunc)
         if self._fusion is not None:
-            self._fusion.grow_region(view)
+            if not self._fusion.region.configured:
+                self._fusion.grow_region(view)
             self._memory.add_view(self._fusion.integrate(view))
             return
         self._memory.add_view(view)
@@ -130,15 +132,14 @@ class DepthReconstruction:
             taught: a container measured before, of which only the pose is looked for; or None.
 
         Raises:
-            ScanError: nothing in sight, views that contradict each other, two containers, or no
-                surface left after carving.
+            ScanError: nothing in sight, no support plane, views that contradict each other,
+                several containers, or no surface left after carving.
         """
         if self._fusion is None:
             self._fusion = self._begin_fusion()
         config = self._config
         if self._second_container:
-            raise ScanError(f"two containers: {self._second_container}; expected one, or a region "
-                            "of interest (roi_center_m, roi_size_m) around one")
+            raise self._second_container
         # Bring the views together, or refuse a scan that cannot be right.
         self._measured_views, self._left_out = None, ()
         scan = align_scan(self._fusion, self.views, config, self._unit_volume)
@@ -151,10 +152,18 @@ class DepthReconstruction:
                             "depth and poses disagree")
         # Find the container, or the place of a taught one.
         if taught is None:
-            found = find_container(surface, views, region, voxel_size, config)
+            found = find_container(surface, views, region, voxel_size, config,
+                                   self._unit_volume)
         else:
             found = FoundContainer(place_container(taught, surface, views, region, voxel_size,
-                                                   config), sure=True)
+                                                   config, self._unit_volume), sure=True)
+        rim_says = taught is not None or (config.container_inner_size_m[2] > 0
+                                          and config.container_pose == "found")
+        if not region.support_certain and not (rim_says and found.container.kind != "none"):
+            raise ScanError(f"no support plane in sight: what is level at z = {region.plane_z:.3f}"
+                            " m lies within walls, or something lower shows through it; set "
+                            "support_height_m, teach the container or give its depth "
+                            "(container_inner_size_m)")
         # Integrate the stack over its opening.
         one_side = seen_from_one_side(views, region)
         stack = measure_stack(surface, found.container, region, voxel_size,
@@ -193,7 +202,7 @@ class DepthReconstruction:
         views = self.views
         fusion = DepthFusion(find_region(views, self._config), self._config, self._unit_volume)
         if not any(self._config.roi_size_m):
-            self._second_container = second_container(views, fusion.region)
+            self._second_container = refuse_further_containers(views, fusion.region)
         fused = []
         for view in views:
             try:
@@ -221,6 +230,7 @@ def _quality_reasons(stack: MeasuredStack, found: FoundContainer, one_side: bool
         Reason.NOTHING_FOUND: is_heap and stack.stack_volume == 0,
         Reason.CONTAINER_UNSURE: not found.sure,
         Reason.SIZE_DISAGREES: not found.as_given,
+        Reason.CUT_BY_REGION: is_heap and region.configured and stack_leaves_region(stack.top),
         Reason.CUT_BY_IMAGE: is_heap and stack_leaves_every_image(scan.views, scan.fusion.region),
         Reason.VIEWS_APART: not scan.agree,
     }

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from stack_counter import geometry
+from stack_counter.container.openings import FoundPlace, several_containers
 from stack_counter.container.rim import Rim, find_rim
-from stack_counter.fusion.region import Region, largest_blob
+from stack_counter.errors import ScanError
+from stack_counter.fusion.region import Region, find_blobs
 from stack_counter.types import HeightMap, View
 
 
@@ -24,6 +26,7 @@ class PlausibilitySettings:
         container_stride: pixels between the points in which a second container is looked for.
         container_cell_m: side of a cell of the map for that, m.
         min_rim_share: least share of its outline on which a second container's rim must show.
+        max_containers: largest number of things beside the region that are looked at.
     """
 
     min_rim_points: int = 50
@@ -32,6 +35,7 @@ class PlausibilitySettings:
     container_stride: int = 4
     container_cell_m: float = 0.004
     min_rim_share: float = 0.85
+    max_containers: int = 12
 
 
 SETTINGS = PlausibilitySettings()
@@ -52,29 +56,46 @@ def _is_cut(view: View, region: Region) -> bool:
     return bool(share > SETTINGS.max_border_share)
 
 
-def second_container(views: list[View], region: Region) -> str | None:
-    """Describes where containers stand if the region holds one and another stands beside it.
+def stack_leaves_region(top: HeightMap) -> bool:
+    """Whether a heap reaches the border of the region of interest.
+
+    Args:
+        top: map of the region; NaN beside the heap.
+    """
+    heap = np.isfinite(top.heights)
+    border = np.concatenate([heap[:2].ravel(), heap[-2:].ravel(), heap[:, :2].ravel(),
+                             heap[:, -2:].ravel()])
+    return bool(border.mean() > SETTINGS.max_border_share)
+
+
+def refuse_further_containers(views: list[View], region: Region) -> ScanError | None:
+    """The refusal of a scan whose region holds a container where others stand beside it.
 
     Args:
         views: whole images with depth, of the first views.
         region: found around the largest thing in sight.
 
     Returns:
-        Both places in words; None if there are no two containers.
+        None if there are no two containers.
     """
-    # Split what stands on the support plane into the region's and the largest other thing.
+    # Split what stands on the support plane into the region's and other things.
     points = np.concatenate([geometry.world_points(view, SETTINGS.container_stride).reshape(-1, 3)
                              for view in views])
     points = points[np.isfinite(points[:, 2])]
     points = points[points[:, 2] > region.plane_z + region.noise_height]
     inside = region.contains(points)
     # Look for a rim in each.
-    rims = [_find_coarse_rim(blob, region)
-            for blob in (points[inside], largest_blob(points[~inside]))]
-    if any(rim is None for rim in rims):
+    own = _find_coarse_rim(points[inside], region)
+    if own is None:
         return None
-    return " and ".join(f"one at x {rim.outline.center[0]:.2f}, y {rim.outline.center[1]:.2f} m"
-                        for rim in rims if rim is not None)
+    others = [_find_coarse_rim(blob, region)
+              for blob in find_blobs(points[~inside])[:SETTINGS.max_containers]]
+    rims = [own, *(rim for rim in others if rim is not None)]
+    if len(rims) < 2:
+        return None
+    outlines = [rim.outline.ring(0.0, 0.0) for rim in rims]
+    return several_containers([FoundPlace(outline.min(axis=0), outline.max(axis=0), rim.height)
+                               for outline, rim in zip(outlines, rims)], region)
 
 
 def _find_coarse_rim(points: np.ndarray, region: Region) -> Rim | None:

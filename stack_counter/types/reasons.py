@@ -83,6 +83,10 @@ class Reason(str, Enum):
         "views_apart", "The views' surfaces lie farther apart than noise explains, also after "
         "registering them, so edges are blurred; calibrate the camera on the arm (hand-eye).",
         True)
+    CUT_BY_REGION = (
+        "cut_by_region", "What stands in the region of interest goes on beyond it and no "
+        "container was found, so a part or a wall of it was counted; enlarge or move the region.",
+        True)
     VIEWS_LOST = (
         "views_lost", "Views that the collector had sent never reached the reconstructor, so V "
         "rests on fewer; check network and load of the machines, then scan again.", True)

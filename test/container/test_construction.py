@@ -20,8 +20,9 @@ ROUND = RoundWall(np.array([0.05, 0.1, 0.1, 0.0, 0.0]))
 WALL, HEIGHT = 0.005, 0.12
 
 
-def fitted(shape, **settings):
-    return make_fitted_container(shape, WALL, HEIGHT, REGION, ReconstructorConfig(**settings))
+def fitted(shape, base=0.0, **settings):
+    return make_fitted_container(shape, WALL, HEIGHT, base, REGION,
+                                 ReconstructorConfig(**settings))
 
 
 def test_what_is_not_configured_is_as_fitted():
@@ -47,7 +48,7 @@ def test_a_configured_size_lies_along_the_longer_side():
 
 def test_a_given_depth_begins_at_the_rim_as_it_is_not_as_it_is_worn():
     """The rim is seen 0.7 mm too low; 0.11 m below its true height lies the floor."""
-    box = make_fitted_container(BOX, WALL, HEIGHT - 0.0007, REGION, ReconstructorConfig(
+    box = make_fitted_container(BOX, WALL, HEIGHT - 0.0007, 0.0, REGION, ReconstructorConfig(
         container_inner_size_m=(0.18, 0.28, 0.11)), worn=0.0007)
     assert box.floor_thickness_m == pytest.approx(0.01)
     assert box.inner_size_m[2] == pytest.approx(0.11)

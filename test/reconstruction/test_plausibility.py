@@ -89,8 +89,8 @@ def test_what_is_taken_away_disappears():
 def test_two_containers_are_named_unless_one_is_in_the_region_of_interest():
     scene = Scene().bin(INNER, 0.005, 0.005, FILL).bin((0.2, 0.2, 0.1), 0.005, 0.005, 0.05, 0.4)
     views = bin_views(scene, radius=1.0, center=(0.2, 0, 0.05))
-    with pytest.raises(ScanError, match=r"two containers: one at x -?0\.00, y -?0\.00 m and one "
-                                        r"at x 0\.40"):
+    with pytest.raises(ScanError, match=r"^2 containers; .*roi_center_m: \[-?0\.0.*"
+                                        r"roi_center_m: \[(0.39|0.4)"):
         reconstruct(views)
     chosen = reconstruct(views, roi_center_m=(0.4, 0, 0.05), roi_size_m=(0.3, 0.3, 0.3))
     assert chosen.container.T_world_container[0, 3] == pytest.approx(0.4, abs=0.003)

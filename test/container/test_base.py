@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bins that stand on a board, on rails or on the plane, in closed form: where their floor is."""
+
+import numpy as np
+import pytest
+from kits.analytic import Scene
+
+from stack_counter import geometry
+from stack_counter.config import ReconstructorConfig
+from stack_counter.container.base import find_lower_edge
+from stack_counter.container.wall_fit import FacePoints
+from stack_counter.container.wall_shapes import BoxWall
+from stack_counter.errors import ScanError
+from stack_counter.pipeline import StackCounter
+from stack_counter.types import View
+
+INNER, WALL, FILL, LIFT = (0.18, 0.12, 0.07), 0.004, 0.03, 0.028
+V = INNER[0] * INNER[1] * FILL
+BOARD = [((0, 0, LIFT / 2), (0.28, 0.22, LIFT))]
+RAILS = [((x, 0, LIFT / 2), (0.02, 0.1, LIFT)) for x in (-0.06, 0.06)]
+
+
+def raised_views(supports, lift=LIFT, tilts=(20, 45)):
+    """Six views of a bin whose underside lies `lift` above the plane, on boxes."""
+    under = Scene()
+    for center, size in supports:
+        under.box(np.array(center), size)
+    above = Scene(plane=False).bin(INNER, WALL, WALL, FILL)
+    down, views = np.array([0, 0, lift]), []
+    for view in under.views(6, tilts=tilts):
+        T = geometry.pose(np.eye(3), -down) @ view.T_world_camera
+        bin_depth = above.view(T).depth
+        ground = np.asarray(view.depth)
+        nearest = np.where((bin_depth > 0) & (bin_depth < ground), bin_depth, ground)
+        noise = np.random.default_rng(view.stamp_ns // 10**9).normal(0, 5e-4, ground.shape)
+        views.append(View(view.stamp_ns, view.intrinsics, view.T_world_camera,
+                          depth=(nearest + noise).astype(np.float32)))
+    return views
+
+
+def volume(views, **settings):
+    stack = StackCounter(ReconstructorConfig(**settings))
+    for view in views:
+        stack.add_view(view)
+    return stack.volume()
+
+
+@pytest.mark.parametrize("supports, lift, settings", [
+    (BOARD, LIFT, {}), (RAILS, LIFT, {}), ([], 0.0, {}),
+    (RAILS, LIFT, {"container_base_m": LIFT}),
+    (RAILS, LIFT, {"container_inner_size_m": INNER})],
+    ids=["board", "rails", "plane", "base given", "depth given"])
+def test_the_floor_is_where_the_underside_is(supports, lift, settings):
+    found = volume(raised_views(supports, lift), **settings)
+    assert found.container.kind == "box"
+    assert found.container.T_world_container[2, 3] == pytest.approx(lift, abs=0.004)
+    assert found.container.inner_size_m[2] == pytest.approx(INNER[2], abs=0.004)
+    assert found.stack_volume == pytest.approx(V, rel=0.08)
+
+
+def test_a_given_depth_and_walls_down_to_the_plane_are_a_thick_floor():
+    views = raised_views([], 0.0)
+    found = volume(views, container_inner_size_m=(*INNER[:2], INNER[2] - 0.02))
+    assert found.container.T_world_container[2, 3] == pytest.approx(0.0, abs=0.002)
+    assert found.container.floor_thickness_m == pytest.approx(0.02 + WALL, abs=0.002)
+
+
+def test_a_given_depth_needs_no_plane_in_sight():
+    """A camera that sees the bin and nothing beside it: its level fill may be any height."""
+    views = []
+    for view in raised_views([], 0.0):
+        points = geometry.world_points(view)
+        beside = np.any(np.abs(points[..., :2]) > np.array(INNER[:2]) / 2 + WALL, axis=-1)
+        views.append(View(view.stamp_ns, view.intrinsics, view.T_world_camera,
+                          depth=np.where(beside, np.float32(0), view.depth)))
+    with pytest.raises(ScanError, match="no support plane in sight.*support_height_m"):
+        volume(views)
+    for settings in ({"container_inner_size_m": INNER}, {"support_height_m": 0.0}):
+        assert volume(views, **settings).stack_volume == pytest.approx(V, rel=0.08)
+
+
+def test_the_lower_edge_is_the_last_height_without_a_gap():
+    rim, shape = 0.1, BoxWall(np.array([0, 0, 0, 0.2, 0.1, 0.0]))
+    y = np.linspace(-0.04, 0.04, 30)
+
+    def edge(*heights):
+        y2, z = (a.ravel() for a in np.meshgrid(y, np.concatenate(heights)))
+        xy = np.stack([np.full(len(z), 0.1), y2], axis=1)
+        return find_lower_edge(shape, FacePoints(xy, rim - z, np.zeros(len(z), bool)), rim)
+    assert edge(np.arange(0.001, 0.097, 0.001)) == 0.0
+    assert edge(np.arange(0.030, 0.097, 0.001)) == pytest.approx(0.03, abs=0.004)
+    # What lies at the foot of the wall below a gap is another thing.
+    assert edge(np.arange(0.030, 0.097, 0.001), [0.002, 0.003]) == pytest.approx(0.03, abs=0.004)
+    assert edge([]) == rim
