@@ -223,7 +223,7 @@ def _quality_reasons(stack: MeasuredStack, found: FoundContainer, one_side: bool
         one_side: all views come from one side.
         scan: the views as they were measured.
     """
-    is_heap = stack.container.kind == "none"
+    is_heap, region = stack.container.kind == "none", scan.fusion.region
     reasons = {
         Reason.ONE_SIDE: one_side,
         Reason.LOW_COVERAGE: stack.coverage < SETTINGS.low_coverage,
@@ -231,7 +231,7 @@ def _quality_reasons(stack: MeasuredStack, found: FoundContainer, one_side: bool
         Reason.CONTAINER_UNSURE: not found.sure,
         Reason.SIZE_DISAGREES: not found.as_given,
         Reason.CUT_BY_REGION: is_heap and region.configured and stack_leaves_region(stack.top),
-        Reason.CUT_BY_IMAGE: is_heap and stack_leaves_every_image(scan.views, scan.fusion.region),
+        Reason.CUT_BY_IMAGE: is_heap and stack_leaves_every_image(scan.views, region),
         Reason.VIEWS_APART: not scan.agree,
     }
     return tuple(reason for reason, holds in reasons.items() if holds)
