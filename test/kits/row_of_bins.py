@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from kits.analytic import Scene
+from kits.analytic import CAMERA, Scene
 from kits.bags import FRAME, picture
 
 from stack_counter import geometry
@@ -15,7 +15,7 @@ from stack_counter.sim.scenes.shards import find_scene
 from stack_counter.types import Intrinsics, Mesh
 
 PILE = Path(__file__).parents[2] / "data" / "train-deep:353"  # 122 parts in a bin
-CAMERA = Intrinsics(320, 240, 305.0, 305.0, 159.5, 119.5)
+HALF = Intrinsics(320, 240, 305.0, 305.0, 159.5, 119.5)  # a camera of half the pixels a side
 
 
 class RowOfBins:
@@ -30,8 +30,6 @@ class RowOfBins:
     def __init__(self, full=(True, False, True, False), gap=0.002):
         """Puts the pile into the bins that are full; `gap`: distance between outer walls, m."""
         pile = find_scene(str(PILE))
-        low, high = pile.bounds()
-        self._size = high - low
         self.unit_volume = pile.shape.unit_volume
         self.counts = [len(pile.poses) if is_full else 0 for is_full in full]
         # The bin's sides along x and y, its middle on the z axis.
@@ -52,10 +50,10 @@ class RowOfBins:
         return {f"bin_{i}": {"center_m": [round(float(x), 4), 0.0, 0.09],
                              "size_m": [width, depth, 0.2]} for i, x in enumerate(self.centers)}
 
-    def views(self, count=6, radius=0.75, noise=0.0005):
+    def views(self, count=6, radius=0.75, camera=CAMERA, noise=0.0005):
         """RGB-D views from a ring above the row, 1 s apart from 1 s on."""
-        views = self.scene.views(count, radius=radius, tilts=(12, 30), camera=CAMERA, noise=noise)
-        return [replace(view, color=picture(i, (CAMERA.height, CAMERA.width)), camera=FRAME,
+        views = self.scene.views(count, radius=radius, tilts=(12, 30), camera=camera, noise=noise)
+        return [replace(view, color=picture(i, (camera.height, camera.width)), camera=FRAME,
                         stamp_ns=(i + 1) * 10**9) for i, view in enumerate(views)]
 
 
