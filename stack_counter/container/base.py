@@ -37,6 +37,9 @@ class BaseSettings:
         min_under: least distance inside the wall of a point that is seen below it, m.
         min_under_share: least share of the directions that show such points.
         max_draft: steepest overhang, m/m, of a wall whose lower edge shows from above.
+        max_unseen_foot: height above its underside, m, down to which a box's wall must show: it
+            showed to the underside itself in all of 27 training recordings that counted right,
+            and ended 14 to 57 mm above the plane in four of seven raised ones.
     """
 
     sectors: int = 36
@@ -56,6 +59,7 @@ class BaseSettings:
     min_under: float = 0.008
     min_under_share: float = 0.15
     max_draft: float = 0.1
+    max_unseen_foot: float = 0.008
 
 
 SETTINGS = BaseSettings()
@@ -98,6 +102,23 @@ def find_base(top: HeightMap, views: list[View], wall: FittedWall, points: FaceP
             and _shows_below(views, wall.shape, rim_height, region):
         return lower_edge
     return 0.0
+
+
+def reaches_base(wall: FittedWall, points: FacePoints, rim_height: float, base: float) -> bool:
+    """Whether a box's wall is seen down to the underside that it is taken to have.
+
+    Other kinds may lean so far that no camera sees their foot; of what shows no outer face at
+    all, nothing is known.
+
+    Args:
+        wall: fitted.
+        points: of its faces.
+        rim_height: above the support plane, metres.
+        base: height of the underside above the support plane, metres.
+    """
+    edge = find_lower_edge(wall.shape, points, rim_height)
+    return wall.shape.kind != "box" or edge >= rim_height \
+        or edge - base < SETTINGS.max_unseen_foot
 
 
 def find_lower_edge(shape: WallShape, points: FacePoints, rim_height: float) -> float:

@@ -25,6 +25,8 @@ class ConstructionSettings:
             measured, m; chosen.
         size_tolerance_m, size_tolerance: by how much a measured size may differ from the
             configured one, m, and as a share of it; chosen: `evaluate volume` finds 0.2% off.
+        thick_floor_m: by how much a floor may be thicker than the wall where the depth is
+            configured and the floor's thickness is not, m; chosen.
         worn_voxels: voxels by which a fused rim of no thickness would lie too low; measured on 28
             boxes and cups of train-deep and train-shallow and on boxes in closed form.
         worn_decay: how fast that falls with the wall's thickness in voxels; measured with it.
@@ -34,6 +36,7 @@ class ConstructionSettings:
     larger_floor: float = 0.002
     size_tolerance_m: float = 0.005
     size_tolerance: float = 0.03
+    thick_floor_m: float = 0.008
     worn_voxels: float = 1.8
     worn_decay: float = 1.1
 
@@ -173,6 +176,18 @@ def has_given_size(shape: WallShape, thickness: float, height: float,
     off = np.abs(sides - np.sort(given[:2]))
     return bool(np.all(off <= np.maximum(SETTINGS.size_tolerance_m,
                                          SETTINGS.size_tolerance * sides)))
+
+
+def has_plausible_floor(container: Container, config: ReconstructorConfig) -> bool:
+    """Whether a configured depth leaves a floor about as thick as the wall below it.
+
+    Args:
+        container: as made of the fitted wall.
+        config: `container_inner_size_m` and `container_floor_m`.
+    """
+    if not config.container_inner_size_m[2] or config.container_floor_m:
+        return True
+    return container.floor_thickness_m < container.wall_thickness_m + SETTINGS.thick_floor_m
 
 
 def _with_outer_size(shape: BoxWall, size: np.ndarray) -> BoxWall:

@@ -9,9 +9,10 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
-from stack_counter.container.base import find_base
+from stack_counter.container.base import find_base, reaches_base
 from stack_counter.container.construction import (
     has_given_size,
+    has_plausible_floor,
     make_configured_container,
     make_fitted_container,
     no_container,
@@ -99,11 +100,13 @@ class FoundContainer:
         container: of kind `none` where it found none.
         sure: False if it is `none` though something rim-like stands around the stack.
         as_given: False if its size, as found, is not the configured one.
+        reaches_base: False if its wall is not seen down to its underside, though it should be.
     """
 
     container: Container
     sure: bool
     as_given: bool = True
+    reaches_base: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,8 +162,10 @@ def find_container(surface: FusedSurface, views: list[View], region: Region, vox
         container = make_fitted_container(shape, thickness, rim_height, base, region, config, worn)
         check_reach(container, region)
         as_given = has_given_size(shape, thickness, rim_height if region.support_certain
-                                  else np.inf, config)
-        return FoundContainer(container, True, as_given)
+                                  else np.inf, config) \
+            and has_plausible_floor(container, config)
+        return FoundContainer(container, True, as_given, reaches_base(
+            candidate.wall, candidate.points, rim_height, base))
     if config.container_kind != "auto":
         raise ScanError(f"no {config.container_kind} container found: a level rim on "
                         f"{rim.outline_share if rim else 0.0:.0%} of its outline, a wall below it "

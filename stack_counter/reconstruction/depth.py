@@ -230,6 +230,7 @@ def _quality_reasons(stack: MeasuredStack, found: FoundContainer, one_side: bool
         Reason.NOTHING_FOUND: is_heap and stack.stack_volume == 0,
         Reason.CONTAINER_UNSURE: not found.sure,
         Reason.SIZE_DISAGREES: not found.as_given,
+        Reason.WALL_SHORT: not found.reaches_base,
         Reason.CUT_BY_REGION: is_heap and region.configured and stack_leaves_region(stack.top),
         Reason.CUT_BY_IMAGE: is_heap and stack_leaves_every_image(scan.views, region),
         Reason.VIEWS_APART: not scan.agree,

@@ -73,12 +73,17 @@ class Reason(str, Enum):
     MOSTLY_INFERRED = (
         "mostly_inferred", "Much of V lies where no view saw and was inferred from what lies "
         "around it; add views that look into the container.", True)
+    WALL_SHORT = (
+        "wall_short", "The container's wall does not show down to what the container is taken to "
+        "stand on, as on rails or on another container; give container_base_m, or its depth "
+        "(container_inner_size_m).", True)
     NOISY_DEPTH = (
-        "noisy_depth", "The noise of the depth is more than a quarter of a part's length, so the "
+        "noisy_depth", "The noise of the depth is more than a third of a part's length, so the "
         "surface hardly shows the parts; bring the camera nearer, or use a more exact one.", True)
     SIZE_DISAGREES = (
         "size_disagrees", "The container that was found has another size than the configured "
-        "one; check container_inner_size_m, or leave it at zeros to have it measured.", True)
+        "one; check container_inner_size_m, leave it at zeros to have it measured, or give "
+        "container_floor_m where the floor is thick.", True)
     VIEWS_APART = (
         "views_apart", "The views' surfaces lie farther apart than noise explains, also after "
         "registering them, so edges are blurred; calibrate the camera on the arm (hand-eye).",

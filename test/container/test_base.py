@@ -7,9 +7,9 @@ from kits.analytic import Scene
 
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
-from stack_counter.container.base import find_lower_edge
-from stack_counter.container.wall_fit import FacePoints
-from stack_counter.container.wall_shapes import BoxWall
+from stack_counter.container.base import find_lower_edge, reaches_base
+from stack_counter.container.wall_fit import FacePoints, FittedWall
+from stack_counter.container.wall_shapes import BoxWall, RoundWall
 from stack_counter.errors import ScanError
 from stack_counter.pipeline import StackCounter
 from stack_counter.types import View
@@ -63,6 +63,7 @@ def test_a_given_depth_and_walls_down_to_the_plane_are_a_thick_floor():
     found = volume(views, container_inner_size_m=(*INNER[:2], INNER[2] - 0.02))
     assert found.container.T_world_container[2, 3] == pytest.approx(0.0, abs=0.002)
     assert found.container.floor_thickness_m == pytest.approx(0.02 + WALL, abs=0.002)
+    assert "size_disagrees" in found.reasons
 
 
 def test_a_given_depth_needs_no_plane_in_sight():
@@ -92,3 +93,16 @@ def test_the_lower_edge_is_the_last_height_without_a_gap():
     # What lies at the foot of the wall below a gap is another thing.
     assert edge(np.arange(0.030, 0.097, 0.001), [0.002, 0.003]) == pytest.approx(0.03, abs=0.004)
     assert edge([]) == rim
+
+
+@pytest.mark.parametrize("kind, lowest, base, want", [
+    ("box", 0.002, 0.0, True), ("box", 0.03, 0.0, False), ("box", 0.03, 0.028, True),
+    ("round", 0.03, 0.0, True), ("box", None, 0.0, True)])
+def test_a_box_whose_wall_ends_above_its_underside_is_noticed(kind, lowest, base, want):
+    rim, shape = 0.1, BoxWall(np.array([0, 0, 0, 0.2, 0.1, 0.0]))
+    if kind == "round":
+        shape = RoundWall(np.array([0, 0, 0.1, 0.0, 0.0]))
+    z = np.repeat(np.arange(lowest, 0.097, 0.001), 8) if lowest is not None else np.zeros(0)
+    xy = np.tile([0.1, 0.0], (len(z), 1))
+    points = FacePoints(xy, rim - z, np.zeros(len(z), bool))
+    assert reaches_base(FittedWall(shape, WALL), points, rim, base) == want

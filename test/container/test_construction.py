@@ -6,6 +6,8 @@ import pytest
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.construction import (
+    has_given_size,
+    has_plausible_floor,
     make_configured_container,
     make_fitted_container,
     no_container,
@@ -134,3 +136,20 @@ def test_a_bucket_becomes_a_cone(pose):
 def test_a_floor_that_does_not_fit_the_rim_is_refused(shape, settings, said):
     with pytest.raises(ScanError, match=said):
         fitted(shape, **settings)
+
+
+@pytest.mark.parametrize("size, want", [
+    ((0.0, 0.0, 0.0), True), ((0.29, 0.19, HEIGHT - WALL), True), ((0.293, 0.187, 0.1), True),
+    ((0.29, 0.25, 0.1), False), ((0.29, 0.19, HEIGHT + 0.01), False)])
+def test_a_given_size_is_compared_with_what_was_found(size, want):
+    config = ReconstructorConfig(container_inner_size_m=size)
+    assert has_given_size(BOX, WALL, HEIGHT, config) == want
+
+
+@pytest.mark.parametrize("settings, want", [
+    ({}, True), ({"container_inner_size_m": (0.19, 0.29, HEIGHT - WALL)}, True),
+    ({"container_inner_size_m": (0.19, 0.29, 0.08)}, False),
+    ({"container_inner_size_m": (0.19, 0.29, 0.08), "container_floor_m": 0.04}, True)])
+def test_a_depth_that_leaves_a_thick_floor_is_doubted(settings, want):
+    config = ReconstructorConfig(**settings)
+    assert has_plausible_floor(fitted(BOX, **settings), config) == want

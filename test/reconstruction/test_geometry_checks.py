@@ -64,7 +64,7 @@ def test_a_single_layer_of_parts_is_no_cliff():
     assert check_geometry(stack_of(pile(LENGTH, 100), "none"), NOISE, LENGTH**3) == ()
 
 
-@pytest.mark.parametrize("noise, is_noisy", [(0.2, False), (0.3, True)])
+@pytest.mark.parametrize("noise, is_noisy", [(0.3, False), (0.4, True)])
 def test_noise_of_depth_is_measured_in_parts(noise, is_noisy):
     stack = stack_of(np.full((50, 50), 0.04))
     found = check_geometry(stack, noise * LENGTH, LENGTH**3)
