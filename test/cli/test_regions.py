@@ -16,13 +16,13 @@ from stack_counter.errors import ConfigError
 
 @pytest.fixture(scope="module")
 def row():
-    return RowOfBins(gap=0.12)
+    return RowOfBins()
 
 
 @pytest.fixture(scope="module")
 def recording(row, tmp_path_factory):
     path = tmp_path_factory.mktemp("row") / "bag"
-    write_bag(path, row.views(radius=1.0))
+    write_bag(path, row.views())
     return path
 
 
@@ -36,7 +36,7 @@ def settings(tmp_path, regions):
 def test_each_bin_of_the_row_has_a_count_of_its_own(row, recording, tmp_path, capsys):
     out, report = tmp_path / "r.json", tmp_path / "report"
     code, text, _ = run(capsys, "replay", recording, "--unit-volume-cm3", row.unit_volume * 1e6,
-                        "--config", settings(tmp_path, row.regions(0.05)), "--direct",
+                        "--config", settings(tmp_path, row.regions()), "--direct",
                         "--json", out, "--report", report)
     assert code == 0
     results = json.loads(out.read_text())["regions"]
@@ -55,7 +55,7 @@ def test_each_bin_of_the_row_has_a_count_of_its_own(row, recording, tmp_path, ca
 
 def test_a_region_without_a_count_is_a_line_and_none_with_one_an_exit_code(
         row, recording, tmp_path, capsys):
-    regions = row.regions(0.05)
+    regions = row.regions()
     nowhere = {"center_m": [5.0, 0.0, 0.1], "size_m": [0.2, 0.2, 0.2]}
     count = ["replay", recording, "--unit-volume-cm3", row.unit_volume * 1e6, "--direct",
              "--config"]
