@@ -14,6 +14,7 @@ Source: Segal, Haehnel and Thrun, "Generalized-ICP" (2009), as the library `smal
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,7 +48,8 @@ class RegistrationSettings:
     """How views are registered; measured on 64 training scenes, poses off by 3 mm and 0.3 deg.
 
     Attributes:
-        levels: passes, coarse to fine.
+        coarse: passes in a region that bad poses have blown up.
+        fine: passes in the region that is found again after those.
         usual_distance_m: distance from the camera beyond which cells grow with it, m, as the
             distance between neighbouring points does.
         stride: pixels from one point that is used to the next.
@@ -60,9 +62,9 @@ class RegistrationSettings:
         max_iterations: of each registration.
     """
 
-    levels: tuple[RegistrationLevel, ...] = (RegistrationLevel(0.012, 0.035),
-                                             RegistrationLevel(0.006, 0.015),
-                                             RegistrationLevel(0.004, 0.006))
+    coarse: tuple[RegistrationLevel, ...] = (RegistrationLevel(0.012, 0.035),)
+    fine: tuple[RegistrationLevel, ...] = (RegistrationLevel(0.006, 0.015),
+                                           RegistrationLevel(0.004, 0.006))
     usual_distance_m: float = 0.6
     stride: int = 4
     margin_m: float = 0.06
@@ -77,7 +79,8 @@ class RegistrationSettings:
 SETTINGS = RegistrationSettings()
 
 
-def register_views(views: list[View], region: Region) -> list[View]:
+def register_views(views: list[View], region: Region, levels: Sequence[RegistrationLevel]
+                   ) -> list[View]:
     """Corrects the poses of views so that their surfaces lie on each other.
 
     A motion that is common to all views stays: V does not depend on it.
@@ -85,6 +88,7 @@ def register_views(views: list[View], region: Region) -> list[View]:
     Args:
         views: with depth, two or more, and poses near the true ones.
         region: where the stack is.
+        levels: passes, coarse to fine.
 
     Returns:
         The same views with corrected poses.
@@ -96,7 +100,7 @@ def register_views(views: list[View], region: Region) -> list[View]:
     distance = float(np.median(np.linalg.norm(cameras - pivot, axis=1)))
     scale = max(1.0, distance / SETTINGS.usual_distance_m)
     corrections = np.zeros((len(views), 6))
-    for level in SETTINGS.levels:
+    for level in levels:
         moved = [transform_about(correction, pivot) for correction in corrections]
         pairs_measured = _register_pairs(clouds, pairs, moved, pivot,
                                          replace(level, leaf_m=scale * level.leaf_m))

@@ -12,7 +12,8 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.fusion.depth_fusion import DepthFusion
 from stack_counter.fusion.leveling import lift_to_support
-from stack_counter.fusion.region import find_region, find_region_again
+from stack_counter.fusion.region import Region, find_region, find_region_again
+from stack_counter.fusion.registration import SETTINGS as REGISTRATION
 from stack_counter.fusion.registration import register_views
 from stack_counter.fusion.view_shift import measure_agreement
 from stack_counter.reconstruction.view_agreement import (
@@ -80,9 +81,7 @@ def align_scan(fusion: DepthFusion, views: list[View], config: ReconstructorConf
     # Register the views where they lie apart.
     agreement = measure_agreement(views, region)
     if agreement > apart:
-        views = lift_to_support(register_views(views, region), region)
-        if not any(config.roi_size_m):
-            region = find_region_again(views, region)
+        views, region = _bring_together(views, region, config)
     # Leave out what most others contradict.
     off = check_agreement(views, compare_views(views, region.noise), config.min_views)
     errors = tuple(ViewError("contradicts_others", f"{name_view(views[i], i)} contradicts the "
@@ -97,6 +96,25 @@ def align_scan(fusion: DepthFusion, views: list[View], config: ReconstructorConf
         agreement = measure_agreement(views, region)
     _refuse_apart(agreement, refused)
     return AlignedScan(fusion, list(views), agreement, agreement <= apart, errors)
+
+
+def _bring_together(views: list[View], region: Region, config: ReconstructorConfig
+                    ) -> tuple[list[View], Region]:
+    """Registers views, and finds the region again, which poses that are off blow up.
+
+    Args:
+        views: with depth.
+        region: as found before.
+        config: a configured region stays as it is.
+
+    Returns:
+        The views with corrected poses, and the region around what they show standing.
+    """
+    for levels in (REGISTRATION.coarse, REGISTRATION.fine):
+        views = lift_to_support(register_views(views, region, levels), region)
+        if not any(config.roi_size_m):
+            region = find_region_again(views, region)
+    return views, region
 
 
 def _refuse_apart(agreement: float, limit: float) -> None:
