@@ -203,7 +203,7 @@ def build_section(section: type[Section], values: dict[str, Any]) -> Section:
         ConfigError: unknown name, wrong type or value out of range.
     """
     fields = {f.name: f for f in dataclasses.fields(section)}
-    checked = {}
+    checked: dict[str, Any] = {}
     for name, value in values.items():
         if name not in fields:
             raise ConfigError(f"unknown setting '{name}'; expected one of {sorted(fields)}")
