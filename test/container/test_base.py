@@ -95,14 +95,16 @@ def test_the_lower_edge_is_the_last_height_without_a_gap():
     assert edge([]) == rim
 
 
-@pytest.mark.parametrize("kind, lowest, base, want", [
-    ("box", 0.002, 0.0, True), ("box", 0.03, 0.0, False), ("box", 0.03, 0.028, True),
-    ("round", 0.03, 0.0, True), ("box", None, 0.0, True)])
-def test_a_box_whose_wall_ends_above_its_underside_is_noticed(kind, lowest, base, want):
-    rim, shape = 0.1, BoxWall(np.array([0, 0, 0, 0.2, 0.1, 0.0]))
+@pytest.mark.parametrize("kind, lowest, sides, base, want", [
+    ("box", 0.002, 2, 0.0, True), ("box", 0.03, 2, 0.0, False), ("box", 0.03, 1, 0.0, True),
+    ("box", 0.03, 2, 0.028, True), ("round", 0.03, 2, 0.0, True), ("box", 0.03, 0, 0.0, True)])
+def test_a_box_two_of_whose_sides_end_above_its_underside_is_noticed(kind, lowest, sides, base,
+                                                                     want):
+    rim, shape = 0.1, BoxWall(np.array([0, 0, 0, 0.2, 0.2, 0.0]))
     if kind == "round":
         shape = RoundWall(np.array([0, 0, 0.1, 0.0, 0.0]))
-    z = np.repeat(np.arange(lowest, 0.097, 0.001), 8) if lowest is not None else np.zeros(0)
-    xy = np.tile([0.1, 0.0], (len(z), 1))
+    z = np.repeat(np.arange(lowest, 0.097, 0.001), 8)
+    places = np.array([[0.1, 0.0], [-0.1, 0.0]])[:sides]
+    xy, z = np.repeat(places, len(z), axis=0), np.tile(z, sides)
     points = FacePoints(xy, rim - z, np.zeros(len(z), bool))
     assert reaches_base(FittedWall(shape, WALL), points, rim, base) == want
