@@ -43,12 +43,14 @@ class NetworkSettings:
 
     Attributes:
         largest_gamma: estimates are cut to it.
-        empty_gamma: gamma of an empty stack, with which any V of 0 counts 0.
+        least_parts: V, in parts, below which a stack is empty.
+        empty_gamma: gamma of an empty stack, with which any such V counts 0.
         empty_std: standard deviation of that.
         single_view_widening: least factor of the spread of an estimate from one depth image.
     """
 
     largest_gamma: float = 0.98
+    least_parts: float = 0.5
     empty_gamma: float = 0.5
     empty_std: float = 0.25
     single_view_widening: float = 2.0
@@ -116,8 +118,8 @@ class NetworkEstimator(OccupancyEstimator):
     def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
         empty = OccupancyEstimate(SETTINGS.empty_gamma, SETTINGS.empty_std, self._scores,
                                   self.name)
-        if volume.stack_volume == 0 and volume.container.kind == "none":
-            return empty  # nothing stands on the support plane, so there is no surface to read
+        if volume.stack_volume < SETTINGS.least_parts * unit_volume:
+            return empty  # less than any part takes up, so there is no surface to read
         maps = self._read_maps(volume, unit_volume)
         if maps is None:
             return self._without_depth.estimate(volume, unit_volume)

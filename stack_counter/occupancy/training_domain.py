@@ -27,6 +27,11 @@ class DoubtSettings:
         named_distance: distance from training, in its reach, above which `unlike_training` is
             said.
         widening: factor of the spread where there is a doubt; chosen.
+        level_band: difference of heights, part lengths, within which a surface is level; chosen.
+        level_share: least share of a surface that is level in layers that were laid, not poured.
+        level_share_by_height: the same over the mean height in part lengths, for low stacks; 1%
+            of the piles of train-shallow, -deep and -compound are more level, seen ideally.
+        ordered_widening: factor of the spread for such layers: gamma may be up to 1; chosen.
     """
 
     fewest_parts: int = 12
@@ -35,6 +40,10 @@ class DoubtSettings:
     named_width: float = 2.75
     named_distance: float = 1.1
     widening: float = 1.5
+    level_band: float = 0.12
+    level_share: float = 0.35
+    level_share_by_height: float = 0.7
+    ordered_widening: float = 2.0
 
 
 SETTINGS = DoubtSettings()
@@ -93,7 +102,22 @@ def assess_doubt(maps: StackMaps, parts: float, part_size: float, walled: bool,
         Reason.FEW_PARTS: has_few,
         Reason.LARGE_PART: width < SETTINGS.named_width,
         Reason.UNLIKE_TRAINING: distance > SETTINGS.named_distance,
+        Reason.ORDERED_LAYERS: lies_in_layers(maps),
     }
     is_doubted = is_shallow or has_few or width < SETTINGS.least_width or distance > 1
-    return Doubt(tuple(reason for reason, is_so in holds.items() if is_so),
-                 max(distance, SETTINGS.widening if is_doubted else 1.0))
+    widening = max(distance, SETTINGS.widening if is_doubted else 1.0,
+                   SETTINGS.ordered_widening if holds[Reason.ORDERED_LAYERS] else 1.0)
+    return Doubt(tuple(reason for reason, is_so in holds.items() if is_so), widening)
+
+
+def lies_in_layers(maps: StackMaps) -> bool:
+    """Whether much of a stack of two layers or more is level, as if its parts had been laid."""
+    s = SETTINGS
+    heights = maps.height[maps.valid]
+    mean = float(heights.mean())
+    if mean < 1:  # one layer of parts that lie flat is level too
+        return False
+    # The most frequent height, and what lies within a band around it.
+    votes = np.bincount((heights / (s.level_band / 3)).astype(int))
+    share = np.convolve(votes, np.ones(3), mode="same").max() / len(heights)
+    return bool(share > max(s.level_share, s.level_share_by_height / mean))

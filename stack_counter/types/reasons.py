@@ -116,6 +116,10 @@ class Reason(str, Enum):
     UNLIKE_TRAINING = (
         "unlike_training", "The surface is unlike all that the network learnt from, as with a "
         "wrong part volume, ordered packing or foreign objects; check part and container.", True)
+    ORDERED_LAYERS = (
+        "ordered_layers", "The stack's top is level over two layers or more, as parts lie that "
+        "were laid in rows; gamma was learnt on poured parts: the interval is wider, and a "
+        "counted bin of such parts helps (stack-counter part calibrate).", True)
     PART_DISAGREES = (
         "part_disagrees", "The estimator contradicts what is known of this part, as with another "
         "part in the container, ordered packing or foreign objects; check the content.", True)

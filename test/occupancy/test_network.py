@@ -91,6 +91,24 @@ def test_a_layer_of_few_parts_says_so(weights):
     assert {"shallow_stack"} <= set(estimate.reasons)
 
 
+def test_less_than_any_part_takes_up_is_an_empty_container(weights):
+    grains = replace(stack_volume_of_heights(0.01 + sine_hills(0.01)), stack_volume=0.4 * V)
+    assert network(weights).estimate(grains, V).reasons == ()
+
+
+@pytest.mark.parametrize("laid, rows", [(True, 2), (False, 2), (True, 1)])
+def test_level_layers_widen_the_interval_and_say_so(weights, laid, rows):
+    """Cubes in rows with gaps between them; one layer is level however it was poured."""
+    length, cells = V ** (1 / 3), 120
+    y, x = np.mgrid[:cells, :cells] * 0.002
+    heights = np.where((x % (1.3 * length) < length) & (y % (1.3 * length) < length),
+                       rows * length, 0.0)
+    if not laid:
+        heights += np.random.default_rng(0).uniform(-0.5, 0.5, (cells, cells)) * length
+    estimate = network(weights).estimate(stack_volume_of_heights(np.abs(heights)), V)
+    assert ("ordered_layers" in estimate.reasons) == (laid and rows == 2)
+
+
 def test_without_depth_the_prior_answers(weights):
     estimate = network(weights).estimate(stack_volume_of_heights(None), V)
     assert estimate.estimator.startswith("prior") and "no_depth" in estimate.reasons
