@@ -75,8 +75,11 @@ class DepthFusion:
         Raises:
             ViewError: the view shows nothing of the region, or needs more memory than allowed.
         """
-        # Crop to the region; level by the support plane; smooth.
-        view = level_to_support(crop_to_region(view, self.region), self.region)
+        # Crop to the region; level by the support plane, which may show beyond it; smooth.
+        if self.region.configured:
+            view = crop_to_region(level_to_support(view, self.region), self.region)
+        else:
+            view = level_to_support(crop_to_region(view, self.region), self.region)
         if not is_smooth:
             view = replace(view, depth=smooth_depth(np.asarray(view.depth), self.region.noise))
         # Only surfaces inside the region are kept; every ray carves.

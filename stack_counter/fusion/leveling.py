@@ -28,6 +28,9 @@ class LevelingSettings:
         common_reach: the same for views that were brought together, m.
         margin_share: width of the strip along the region's border that shows the plane alone,
             over the region's margin.
+        beyond_region: distance from a configured region up to which its support shows, m.
+        level: step of the histogram of heights beyond such a region, m.
+        level_reach: distance from its peak of the points that are used, m.
         max_tilt: largest tilt that a pose may have wrong, rad.
         min_points: least number of points of the plane.
         min_spread: least standard deviation of their places along the shorter axis, m.
@@ -40,6 +43,9 @@ class LevelingSettings:
     reach: float = 0.012
     common_reach: float = 0.02
     margin_share: float = 0.85
+    beyond_region: float = 0.15
+    level: float = 0.001
+    level_reach: float = 0.003
     max_tilt: float = 0.02
     min_points: int = 150
     min_spread: float = 0.03
@@ -109,13 +115,27 @@ def lift_to_support(views: list[View], region: Region) -> list[View]:
 
 
 def _points_beside_stack(view: View, region: Region, reach: float = SETTINGS.reach) -> np.ndarray:
-    """(n, 3) float64 world points near the support's height, along the region's border."""
-    points = geometry.world_points(view, SETTINGS.stride).reshape(-1, 3).astype(float)
+    """(n, 3) float64 world points near the support's height: along the region's border.
+
+    A configured region may cut through anything, so that its support is looked for beyond it.
+    """
+    s = SETTINGS
+    points = geometry.world_points(view, s.stride).reshape(-1, 3).astype(float)
     xy = points[:, :2]
     beyond = np.maximum(region.low[:2] - xy, xy - region.high[:2]).max(axis=1)
     # Around what stands there alone: a bin's own floor is level too, and higher.
-    around = (beyond < 0) & (beyond > -SETTINGS.margin_share * REGION_SETTINGS.margin)
-    return points[around & (np.abs(points[:, 2] - region.plane_z) < reach)]
+    if region.configured:
+        around = (beyond > 0) & (beyond < s.beyond_region)
+    else:
+        around = (beyond < 0) & (beyond > -s.margin_share * REGION_SETTINGS.margin)
+    points = points[around & (np.abs(points[:, 2] - region.plane_z) < reach)]
+    if not region.configured or not len(points):
+        return points
+    # The most frequent level of them: floors of other bins are level too.
+    levels = np.floor(points[:, 2] / s.level).astype(int)
+    votes = np.convolve(np.bincount(levels - levels.min()), np.ones(3), mode="same")
+    middle = (np.argmax(votes) + levels.min() + 0.5) * s.level
+    return points[np.abs(points[:, 2] - middle) < max(s.level_reach, 3 * region.noise)]
 
 
 def _fit_plane(points: np.ndarray) -> _Plane | None:

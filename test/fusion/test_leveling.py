@@ -57,3 +57,17 @@ def test_the_floor_of_an_empty_bin_is_not_the_support():
                                    view(0.06, 0.5)])
 def test_a_plane_too_far_off_or_hardly_seen_says_nothing(wrong):
     assert level_to_support(wrong, REGION) is wrong
+
+
+def test_around_a_configured_region_the_plane_beyond_it_counts():
+    """A region cut tightly around a bin in a row: its neighbours' floors are level too."""
+    scene = Scene()
+    for x in (-0.12, 0.0, 0.12):
+        scene.bin((0.1, 0.16, 0.06), 0.004, 0.004, 0.0, x)
+    region = replace(REGION, low=np.array([-0.058, -0.088, -0.04]),
+                     high=np.array([0.058, 0.088, 0.1]), noise=0.0005, configured=True)
+    for view in scene.views(3, noise=0.0005):
+        level = level_to_support(off(view, (0.2, -0.1), 0.002), region)
+        moved = level.T_world_camera @ geometry.inverse(view.T_world_camera)
+        assert np.abs(moved[2, [0, 1]]).max() < 4e-4  # rad
+        assert abs(moved[2, 3]) < 2e-4

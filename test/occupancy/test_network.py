@@ -101,10 +101,10 @@ def test_level_layers_widen_the_interval_and_say_so(weights, laid, rows):
     """Cubes in rows with gaps between them; one layer is level however it was poured."""
     length, cells = V ** (1 / 3), 120
     y, x = np.mgrid[:cells, :cells] * 0.002
-    heights = np.where((x % (1.3 * length) < length) & (y % (1.3 * length) < length),
+    heights = np.where((x % (1.15 * length) < length) & (y % (1.15 * length) < length),
                        rows * length, 0.0)
     if not laid:
-        heights += np.random.default_rng(0).uniform(-0.5, 0.5, (cells, cells)) * length
+        heights += np.random.default_rng(0).uniform(-1, 1, (cells, cells)) * length
     estimate = network(weights).estimate(stack_volume_of_heights(np.abs(heights)), V)
     assert ("ordered_layers" in estimate.reasons) == (laid and rows == 2)
 
