@@ -23,11 +23,11 @@ from stack_counter.reconstruction.geometry_checks import check_geometry
 from stack_counter.reconstruction.integral import MeasuredStack
 from stack_counter.reconstruction.key_view import find_key_view
 from stack_counter.reconstruction.plausibility import (
-    refuse_further_containers,
     stack_leaves_every_image,
     stack_leaves_region,
 )
 from stack_counter.reconstruction.stack_volume import measure_stack
+from stack_counter.reconstruction.surroundings import Surroundings, inspect_surroundings
 from stack_counter.reconstruction.view_memory import ViewMemory
 from stack_counter.segmentation import Segmenter
 from stack_counter.segmentation.from_container import ContainerSegmenter
@@ -66,7 +66,7 @@ class DepthReconstruction:
         self._first_views = 1 if config.live else min(SETTINGS.first_views, config.min_views)
         self._memory = ViewMemory(config.live)
         self._fusion: DepthFusion | None = None  # once the first views say where the stack is
-        self._second_container: ScanError | None = None
+        self._surroundings = Surroundings()
         self._label_images_given = False
         self._refused_late: list[ViewError] = []  # once the region was known
         self._left_out: tuple[ViewError, ...] = ()  # by the last measurement
@@ -138,8 +138,8 @@ class DepthReconstruction:
         if self._fusion is None:
             self._fusion = self._begin_fusion()
         config = self._config
-        if self._second_container:
-            raise self._second_container
+        if self._surroundings.refusal:
+            raise self._surroundings.refusal
         # Bring the views together, or refuse a scan that cannot be right.
         self._measured_views, self._left_out = None, ()
         scan = align_scan(self._fusion, self.views, config, self._unit_volume)
@@ -183,7 +183,8 @@ class DepthReconstruction:
             key_view=None,
             views=ViewTally(),
             reasons=(*_quality_reasons(stack, found, one_side, scan),
-                     *check_geometry(stack, region.noise, self._unit_volume)),
+                     *check_geometry(stack, region.noise, self._unit_volume),
+                     *((Reason.CROWDED,) if self._surroundings.is_crowded else ())),
             one_side=one_side,
             mesh=color_mesh(surface.mesh, views),
             view_agreement_m=scan.agreement_m,
@@ -202,7 +203,7 @@ class DepthReconstruction:
         views = self.views
         fusion = DepthFusion(find_region(views, self._config), self._config, self._unit_volume)
         if not any(self._config.roi_size_m):
-            self._second_container = refuse_further_containers(views, fusion.region)
+            self._surroundings = inspect_surroundings(views, fusion.region)
         fused = []
         for view in views:
             try:

@@ -92,6 +92,9 @@ class Reason(str, Enum):
         "cut_by_region", "What stands in the region of interest goes on beyond it and no "
         "container was found, so a part or a wall of it was counted; enlarge or move the region.",
         True)
+    CROWDED = (
+        "crowded", "Something about as large stands beside what was counted, and was not counted; "
+        "set a region of interest around what is meant, or regions around each.", True)
     VIEWS_LOST = (
         "views_lost", "Views that the collector had sent never reached the reconstructor, so V "
         "rests on fewer; check network and load of the machines, then scan again.", True)

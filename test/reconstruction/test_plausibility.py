@@ -84,13 +84,3 @@ def test_what_is_taken_away_disappears():
     settings = {"roi_center_m": (0.05, 0.05, 0.05), "roi_size_m": (0.4, 0.4, 0.2)}
     volume = reconstruct(views, max_weight=4.0, **settings).stack_volume
     assert volume == pytest.approx(0.1 * 0.1 * 0.02, rel=0.06)
-
-
-def test_two_containers_are_named_unless_one_is_in_the_region_of_interest():
-    scene = Scene().bin(INNER, 0.005, 0.005, FILL).bin((0.2, 0.2, 0.1), 0.005, 0.005, 0.05, 0.4)
-    views = bin_views(scene, radius=1.0, center=(0.2, 0, 0.05))
-    with pytest.raises(ScanError, match=r"^2 containers; .*roi_center_m: \[-?0\.0.*"
-                                        r"roi_center_m: \[(0.39|0.4)"):
-        reconstruct(views)
-    chosen = reconstruct(views, roi_center_m=(0.4, 0, 0.05), roi_size_m=(0.3, 0.3, 0.3))
-    assert chosen.container.T_world_container[0, 3] == pytest.approx(0.4, abs=0.003)
