@@ -76,14 +76,15 @@ def transform_about(motion: np.ndarray, pivot: np.ndarray) -> np.ndarray:
     return geometry.pose(rotation, pivot + motion[3:] - rotation @ pivot)
 
 
-def solve_pose_graph(pairs: list[PairMotion], cameras: np.ndarray, pivot: np.ndarray
-                     ) -> np.ndarray:
+def solve_pose_graph(pairs: list[PairMotion], cameras: np.ndarray, pivot: np.ndarray,
+                     prior_scale: float = 1.0) -> np.ndarray:
     """Finds the corrections of all poses: robust least squares with the reported poses as prior.
 
     Args:
         pairs: measured motions between views.
         cameras: (n, 3) places of the cameras as reported, world, m.
         pivot: (3,) world point that the motions are about, m.
+        prior_scale: factor of the reported poses' standard deviations.
 
     Returns:
         (n, 6) float64 correction of each view: turn, rad, and shift of the pivot, m.
@@ -92,7 +93,7 @@ def solve_pose_graph(pairs: list[PairMotion], cameras: np.ndarray, pivot: np.nda
     if not pairs:
         return np.zeros((count, 6))
     pair_std = np.repeat([s.pair_rotation_std, s.pair_translation_std], 3)
-    prior = _prior_information(cameras, pivot)
+    prior = _prior_information(cameras, pivot) / prior_scale**2
     first, second = np.array([(pair.first, pair.second) for pair in pairs]).T
     measured = np.array([pair.motion for pair in pairs])
     # Differences along the pairs, as (pairs, views) of -1 and 1.

@@ -59,6 +59,9 @@ class RegistrationSettings:
         neighbors: number of points around one of which normal and covariance are estimated.
         steep: largest share of the vertical in the normal of a surface that is moved.
         offset_m: distance by which it is moved towards the camera, m; above half the first gate.
+        usual_apart_m: how far views seem apart, m, with the standard deviations of reported poses
+            that the pose graph expects; nearer together, it expects less.
+        least_prior_scale: least factor of those standard deviations.
         max_iterations: of each registration.
     """
 
@@ -73,14 +76,16 @@ class RegistrationSettings:
     neighbors: int = 12
     steep: float = 0.5
     offset_m: float = 0.02
+    usual_apart_m: float = 0.004
+    least_prior_scale: float = 0.3
     max_iterations: int = 20
 
 
 SETTINGS = RegistrationSettings()
 
 
-def register_views(views: list[View], region: Region, levels: Sequence[RegistrationLevel]
-                   ) -> list[View]:
+def register_views(views: list[View], region: Region, levels: Sequence[RegistrationLevel],
+                   apart_m: float) -> list[View]:
     """Corrects the poses of views so that their surfaces lie on each other.
 
     A motion that is common to all views stays: V does not depend on it.
@@ -89,6 +94,8 @@ def register_views(views: list[View], region: Region, levels: Sequence[Registrat
         views: with depth, two or more, and poses near the true ones.
         region: where the stack is.
         levels: passes, coarse to fine.
+        apart_m: how far successive views seem apart, m: poses that are off by little must not be
+            moved by much, whatever pairs of views say.
 
     Returns:
         The same views with corrected poses.
@@ -99,12 +106,13 @@ def register_views(views: list[View], region: Region, levels: Sequence[Registrat
     pivot = np.append((region.low + region.high)[:2] / 2, region.plane_z)
     distance = float(np.median(np.linalg.norm(cameras - pivot, axis=1)))
     scale = max(1.0, distance / SETTINGS.usual_distance_m)
+    prior_scale = float(np.clip(apart_m / SETTINGS.usual_apart_m, SETTINGS.least_prior_scale, 1))
     corrections = np.zeros((len(views), 6))
     for level in levels:
         moved = [transform_about(correction, pivot) for correction in corrections]
         pairs_measured = _register_pairs(clouds, pairs, moved, pivot,
                                          replace(level, leaf_m=scale * level.leaf_m))
-        corrections = solve_pose_graph(pairs_measured, cameras, pivot)
+        corrections = solve_pose_graph(pairs_measured, cameras, pivot, prior_scale)
     return [replace(view, T_world_camera=transform_about(correction, pivot) @ view.T_world_camera)
             for view, correction in zip(views, corrections)]
 

@@ -81,7 +81,7 @@ def align_scan(fusion: DepthFusion, views: list[View], config: ReconstructorConf
     # Register the views where they lie apart.
     agreement = measure_agreement(views, region)
     if agreement > apart:
-        views, region = _bring_together(views, region, config)
+        views, region = _bring_together(views, region, config, agreement)
     # Leave out what most others contradict.
     off = check_agreement(views, compare_views(views, region.noise), config.min_views)
     errors = tuple(ViewError("contradicts_others", f"{name_view(views[i], i)} contradicts the "
@@ -98,20 +98,21 @@ def align_scan(fusion: DepthFusion, views: list[View], config: ReconstructorConf
     return AlignedScan(fusion, list(views), agreement, agreement <= apart, errors)
 
 
-def _bring_together(views: list[View], region: Region, config: ReconstructorConfig
-                    ) -> tuple[list[View], Region]:
+def _bring_together(views: list[View], region: Region, config: ReconstructorConfig,
+                    apart_m: float) -> tuple[list[View], Region]:
     """Registers views, and finds the region again, which poses that are off blow up.
 
     Args:
         views: with depth.
         region: as found before.
         config: a configured region stays as it is.
+        apart_m: how far successive views seem apart, m.
 
     Returns:
         The views with corrected poses, and the region around what they show standing.
     """
     for levels in (REGISTRATION.coarse, REGISTRATION.fine):
-        views = lift_to_support(register_views(views, region, levels), region)
+        views = lift_to_support(register_views(views, region, levels, apart_m), region)
         if not any(config.roi_size_m):
             region = find_region_again(views, region)
     return views, region

@@ -55,7 +55,7 @@ def test_every_pair_of_a_ring_is_there_once():
 def test_poses_off_by_millimetres_are_brought_together():
     true = true_views()
     off = with_pose_noise(true, 0.003, 0.3)
-    registered = register_views(off, REGION, (*SETTINGS.coarse, *SETTINGS.fine))
+    registered = register_views(off, REGION, (*SETTINGS.coarse, *SETTINGS.fine), 0.004)
     assert np.median(spread(off, true)) > 0.004
     assert np.median(spread(registered, true)) < 0.001
 
@@ -75,7 +75,7 @@ def test_views_that_agree_are_not_registered(monkeypatch):
 
 
 def test_views_that_cannot_be_brought_together_are_refused(monkeypatch):
-    monkeypatch.setattr(alignment, "register_views", lambda views, region, levels: views)
+    monkeypatch.setattr(alignment, "register_views", lambda views, region, levels, apart: views)
     monkeypatch.setattr(alignment, "measure_agreement", lambda views, region: 0.0063)
     with pytest.raises(ScanError, match=r"disagree by 6\.3 mm.*expected below 5\.0 mm: calibrate"):
         measure(true_views())
