@@ -127,7 +127,7 @@ def reaches_base(wall: FittedWall, points: FacePoints, rim_height: float, base: 
     edges = np.array([find_lower_edge(wall.shape, points.select(side == i), rim_height)
                       for i in range(4)])
     short = (edges < rim_height) & (edges - base >= SETTINGS.max_unseen_foot)
-    return np.count_nonzero(short) < SETTINGS.min_short_sides
+    return bool(np.count_nonzero(short) < SETTINGS.min_short_sides)
 
 
 def find_lower_edge(shape: WallShape, points: FacePoints, rim_height: float) -> float:

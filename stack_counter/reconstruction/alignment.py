@@ -18,6 +18,7 @@ from stack_counter.fusion.registration import register_views
 from stack_counter.fusion.view_shift import measure_agreement
 from stack_counter.reconstruction.view_agreement import (
     check_agreement,
+    clearly_contradicting_views,
     compare_views,
     name_view,
 )
@@ -75,27 +76,47 @@ def align_scan(fusion: DepthFusion, views: list[View], config: ReconstructorConf
     """
     if config.live or len(views) < 2:
         return AlignedScan(fusion, list(views))
-    region, fused = fusion.region, views
     apart, refused = (voxels * fusion.voxel_size for voxels in
                       (SETTINGS.apart_voxels, SETTINGS.refused_voxels))
-    # Register the views where they lie apart.
-    agreement = measure_agreement(views, region)
+    # Leave out what most others contradict, before it pulls them along.
+    off = clearly_contradicting_views(views, fusion.region.noise, config.min_views)
+    kept, region = _leave_out(views, off, fusion.region, config)
+    # Register the others where they lie apart.
+    agreement = measure_agreement(kept, region)
     if agreement > apart:
-        views, region = _bring_together(views, region, config, agreement)
-    # Leave out what most others contradict.
-    off = check_agreement(views, compare_views(views, region.noise), config.min_views)
-    errors = tuple(ViewError("contradicts_others", f"{name_view(views[i], i)} contradicts the "
-                             "views beside it; expected the same surface") for i in off)
-    if off:
-        views = [view for i, view in enumerate(views) if i not in off]
-        region = replace(find_region(views, config), noise=region.noise)
+        kept, region = _bring_together(kept, region, config, agreement)
+    # Leave out what contradicts them still.
+    still_off = check_agreement(kept, compare_views(kept, region.noise), config.min_views)
+    errors = tuple(ViewError("contradicts_others", f"{name} contradicts the views beside it; "
+                             "expected the same surface")
+                   for name in (*(name_view(views[i], i) for i in off),
+                                *(name_view(kept[i], i) for i in still_off)))
+    kept, region = _leave_out(kept, still_off, region, config)
     # Fuse them again.
-    if views is not fused:
+    if kept is not views:
         fusion = DepthFusion(region, config, unit_volume)
-        views = [fusion.integrate(view, is_smooth=True) for view in views]
-        agreement = measure_agreement(views, region)
+        kept = [fusion.integrate(view, is_smooth=True) for view in kept]
+        agreement = measure_agreement(kept, region)
     _refuse_apart(agreement, refused)
-    return AlignedScan(fusion, list(views), agreement, agreement <= apart, errors)
+    return AlignedScan(fusion, list(kept), agreement, agreement <= apart, errors)
+
+
+def _leave_out(views: list[View], off: list[int], region: Region, config: ReconstructorConfig
+               ) -> tuple[list[View], Region]:
+    """The views but for some, and the region around what these show standing.
+
+    Args:
+        views: with depth.
+        off: indices of those to leave out; none returns what was given.
+        region: as found with all of them; a configured one stays as it is.
+        config: of the scan.
+    """
+    if not off:
+        return views, region
+    kept = [view for i, view in enumerate(views) if i not in off]
+    if region.configured:
+        return kept, region
+    return kept, replace(find_region(kept, config), noise=region.noise)
 
 
 def _bring_together(views: list[View], region: Region, config: ReconstructorConfig,

@@ -23,6 +23,7 @@ from stack_counter.reconstruction.geometry_checks import check_geometry
 from stack_counter.reconstruction.integral import MeasuredStack
 from stack_counter.reconstruction.key_view import find_key_view
 from stack_counter.reconstruction.plausibility import (
+    rim_leaves_images,
     stack_leaves_every_image,
     stack_leaves_region,
 )
@@ -233,7 +234,9 @@ def _quality_reasons(stack: MeasuredStack, found: FoundContainer, one_side: bool
         Reason.SIZE_DISAGREES: not found.as_given,
         Reason.WALL_SHORT: not found.reaches_base,
         Reason.CUT_BY_REGION: is_heap and region.configured and stack_leaves_region(stack.top),
-        Reason.CUT_BY_IMAGE: is_heap and stack_leaves_every_image(scan.views, region),
+        Reason.CUT_BY_IMAGE: stack_leaves_every_image(scan.views, region) if is_heap
+        else rim_leaves_images(stack.container, scan.views),
+        Reason.VIEWS_CONTRADICT: bool(scan.left_out),
         Reason.VIEWS_APART: not scan.agree,
     }
     return tuple(reason for reason, holds in reasons.items() if holds)

@@ -111,6 +111,27 @@ def contradicting_views(pairs: list[ViewPair], count: int) -> list[int]:
         off.append(max(wrong, key=lambda view: (medians[view], sum(shares[view]))))
 
 
+def clearly_contradicting_views(views: list[View], depth_noise_m: float, min_views: int
+                                ) -> list[int]:
+    """Finds the views that contradict a clear majority of others; none where that is not clear.
+
+    Args:
+        views: with depth.
+        depth_noise_m: standard deviation of a depth point, m.
+        min_views: fewest views of a scan.
+
+    Returns:
+        Their indices.
+    """
+    off = contradicting_views(compare_views(views, depth_noise_m), len(views))
+    return off if _is_majority(len(views) - len(off), off, min_views) else []
+
+
+def _is_majority(kept: int, off: list[int], min_views: int) -> bool:
+    """Whether so many views kept are enough, and more than those that are off."""
+    return kept >= max(min_views, 2) and kept > len(off)
+
+
 def check_agreement(views: list[View], pairs: list[ViewPair], min_views: int) -> list[int]:
     """Finds the views to leave out, or refuses a scan of which too few agree.
 
@@ -126,8 +147,7 @@ def check_agreement(views: list[View], pairs: list[ViewPair], min_views: int) ->
         ScanError: it is not clear which views are right, or too few of them are.
     """
     off = contradicting_views(pairs, len(views))
-    kept = len(views) - len(off)
-    if off and (kept < max(min_views, 2) or kept <= len(off)):
+    if off and not _is_majority(len(views) - len(off), off, min_views):
         of_off = [pair for pair in pairs if pair.first in off or pair.second in off]
         apart = max(pair.apart_m for pair in of_off)
         share = max(pair.contradicted for pair in of_off)

@@ -61,8 +61,9 @@ class Reason(str, Enum):
         "all was counted as a heap; show the whole rim, or configure or teach the container.",
         True)
     CUT_BY_IMAGE = (
-        "cut_by_image", "The heap reaches the border of every image, so some of it may be "
-        "missing; move the camera back or aim it at the heap.", True)
+        "cut_by_image", "The heap reaches the border of every image, or some of the container's "
+        "rim lies beyond all of them, so some parts may be missing; move the camera back or aim "
+        "it at the middle.", True)
     STEEP_HEAP = (
         "steep_heap", "What stands on the support plane falls off more steeply than loose parts "
         "can, as a container that was not found or foreign objects do; configure the container, "
@@ -95,6 +96,9 @@ class Reason(str, Enum):
     CROWDED = (
         "crowded", "Something about as large stands beside what was counted, and was not counted; "
         "set a region of interest around what is meant, or regions around each.", True)
+    VIEWS_CONTRADICT = (
+        "views_contradict", "Views that contradict the others were left out, so V rests on fewer; "
+        "check what moved, and the clocks of images and poses, then scan again.", True)
     VIEWS_LOST = (
         "views_lost", "Views that the collector had sent never reached the reconstructor, so V "
         "rests on fewer; check network and load of the machines, then scan again.", True)

@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 from kits.analytic import Scene
 
+from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
+from stack_counter.container.construction import make_container
+from stack_counter.container.wall_shapes import BoxWall
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region
 from stack_counter.pipeline import StackCounter
-from stack_counter.reconstruction.plausibility import stack_leaves_every_image
+from stack_counter.reconstruction.plausibility import rim_leaves_images, stack_leaves_every_image
 
 INNER, FILL = (0.3, 0.2, 0.12), 0.07
 
@@ -84,3 +87,12 @@ def test_what_is_taken_away_disappears():
     settings = {"roi_center_m": (0.05, 0.05, 0.05), "roi_size_m": (0.4, 0.4, 0.2)}
     volume = reconstruct(views, max_weight=4.0, **settings).stack_volume
     assert volume == pytest.approx(0.1 * 0.1 * 0.02, rel=0.06)
+
+
+@pytest.mark.parametrize("beyond, leaves", [(0.0, False), (0.1, True)])
+def test_a_rim_beyond_all_images_is_told(beyond, leaves):
+    """A camera that looks down on a bin whose one end it does not show."""
+    views = [Scene().view(geometry.look_at(np.array([x, 0.001, 0.6]), np.array([x, 0.0, 0.0])))
+             for x in (beyond, beyond + 0.01)]
+    wall = BoxWall(np.array([0, 0, 0, 0.36, 0.2, 0.0]))
+    assert rim_leaves_images(make_container(wall, 0.004, 0.1, 0.004, 0.0), views) == leaves
