@@ -41,6 +41,7 @@ class BaseSettings:
             all four showed to the underside itself in 25 of 25 training recordings of 12 views,
             and three at least in 20 of 20 hard ones of 5 or 6 views; on rails, the two that do
             not stand on them end at their height.
+        min_open_share: least share of what lies right beside a side that must be the ground.
         min_short_sides: least number of sides that end higher for the whole to be doubted.
     """
 
@@ -62,6 +63,7 @@ class BaseSettings:
     min_under_share: float = 0.15
     max_draft: float = 0.1
     max_unseen_foot: float = 0.008
+    min_open_share: float = 0.5
     min_short_sides: int = 2
 
 
@@ -107,13 +109,16 @@ def find_base(top: HeightMap, views: list[View], wall: FittedWall, points: FaceP
     return 0.0
 
 
-def reaches_base(wall: FittedWall, points: FacePoints, rim_height: float, base: float) -> bool:
+def reaches_base(top: HeightMap, wall: FittedWall, points: FacePoints, rim_height: float,
+                 base: float) -> bool:
     """Whether a box's wall is seen down to the underside that it is taken to have.
 
-    Other kinds may lean so far that no camera sees their foot; of what shows no outer face at
-    all, nothing is known.
+    Only sides beside which the ground shows are looked at: other things hide a wall's foot. Other
+    kinds may lean so far that no camera sees their foot; of what shows no outer face at all,
+    nothing is known.
 
     Args:
+        top: highest surface, heights above the support plane.
         wall: fitted.
         points: of its faces.
         rim_height: above the support plane, metres.
@@ -121,13 +126,23 @@ def reaches_base(wall: FittedWall, points: FacePoints, rim_height: float, base: 
     """
     if wall.shape.kind != "box":
         return True
-    normals = wall.shape.outward_normals(points.xy)
-    turn = np.arctan2(normals[:, 1], normals[:, 0]) - wall.shape.yaw
-    side = np.round(turn / (np.pi / 2)).astype(int) % 4
+    side = _sides(points.xy, wall.shape)
     edges = np.array([find_lower_edge(wall.shape, points.select(side == i), rim_height)
                       for i in range(4)])
     short = (edges < rim_height) & (edges - base >= SETTINGS.max_unseen_foot)
-    return bool(np.count_nonzero(short) < SETTINGS.min_short_sides)
+    # Whether the ground shows beside each side.
+    xy, heights = _cells_beside(top, wall.shape)
+    level, beside = np.abs(heights - base) < SETTINGS.min_height, _sides(xy, wall.shape)
+    open_sides = np.bincount(beside, level, 4) >= SETTINGS.min_open_share \
+        * np.maximum(np.bincount(beside, minlength=4), 1)
+    return bool(np.count_nonzero(short & open_sides) < SETTINGS.min_short_sides)
+
+
+def _sides(xy: np.ndarray, shape: WallShape) -> np.ndarray:
+    """(n,) int, the side of a box, 0 to 3, that is nearest to (n, 2) world points."""
+    normals = shape.outward_normals(xy)
+    turn = np.arctan2(normals[:, 1], normals[:, 0]) - shape.yaw
+    return np.round(turn / (np.pi / 2)).astype(int) % 4
 
 
 def find_lower_edge(shape: WallShape, points: FacePoints, rim_height: float) -> float:
@@ -167,16 +182,22 @@ def _common_height(heights: np.ndarray) -> float | None:
 def _ground_by_sector(top: HeightMap, shape: WallShape) -> np.ndarray:
     """(sectors,) height of what lies right beside the wall, metres; NaN where nothing shows."""
     s = SETTINGS
-    outside = -map_depth_inside(top, shape)
-    heights = top.heights.ravel()
-    beside = (outside > s.strip_start) & (outside < s.strip_end) & np.isfinite(heights)
-    rows, cols = np.divmod(np.nonzero(beside)[0], top.heights.shape[1])
-    cells = np.stack([cols + 0.5, rows + 0.5, np.zeros(len(rows))], axis=1) * top.pitch
-    sector = _sectors(geometry.apply(top.T_world_map, cells)[:, :2], shape)
+    xy, heights = _cells_beside(top, shape)
+    known = np.isfinite(heights)
+    heights, sector = heights[known], _sectors(xy[known], shape)
     ground = np.full(s.sectors, np.nan)
     for i in np.nonzero(np.bincount(sector, minlength=s.sectors) >= s.min_cells)[0]:
-        ground[i] = np.median(heights[beside][sector == i])
+        ground[i] = np.median(heights[sector == i])
     return ground
+
+
+def _cells_beside(top: HeightMap, shape: WallShape) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 2) world places of the cells right beside the wall, and their (n,) heights, metres."""
+    outside = -map_depth_inside(top, shape)
+    beside = (outside > SETTINGS.strip_start) & (outside < SETTINGS.strip_end)
+    rows, cols = np.divmod(np.nonzero(beside)[0], top.heights.shape[1])
+    cells = np.stack([cols + 0.5, rows + 0.5, np.zeros(len(rows))], axis=1) * top.pitch
+    return geometry.apply(top.T_world_map, cells)[:, :2], top.heights.ravel()[beside]
 
 
 def _shows_below(views: list[View], shape: WallShape, rim_height: float, region: Region) -> bool:

@@ -36,6 +36,7 @@ class ShiftSettings:
         turn_std: turn that is expected where the points do not say, rad.
         shift_std: shift that is expected where the points do not say, m.
         rounds: number of least-squares problems.
+        min_normal_cosine: least cosine between the normals of two points that may be the same.
         min_points: least number of points that two views share.
     """
 
@@ -48,6 +49,7 @@ class ShiftSettings:
     turn_std: float = 0.02
     shift_std: float = 0.01
     rounds: int = 3
+    min_normal_cosine: float = 0.5
     min_points: int = 50
 
 
@@ -81,10 +83,12 @@ def measure_shift(first: View, second: View, region: Region) -> float | None:
     surface = geometry.world_points(first, s.stride).astype(float)
     if min(surface.shape[:2]) < 2:
         return None
-    normals = np.cross(np.gradient(surface, axis=1), np.gradient(surface, axis=0))
-    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
-    points = geometry.world_points(second, s.stride).reshape(-1, 3).astype(float)
-    points = points[region.contains(points)]
+    other = geometry.world_points(second, s.stride).astype(float)
+    if min(other.shape[:2]) < 2:
+        return None
+    normals = _normals(surface)
+    inside = region.contains(other)
+    points, point_normals = other[inside], _normals(other)[inside]
     pivot = np.append((region.low + region.high)[:2] / 2, region.plane_z)
     kernel = max(s.kernel_m, s.kernel_noise * region.noise)
     motion = np.zeros(6)
@@ -95,14 +99,22 @@ def measure_shift(first: View, second: View, region: Region) -> float | None:
         rows, cols = (np.minimum((index + s.stride // 2) // s.stride, size - 1)
                       for index, size in zip((pixels.rows, pixels.cols), surface.shape))
         moved, normal = moved[pixels.inside], normals[rows, cols]
+        # The two faces of a thin wall are not the same surface.
+        alike = np.sum(normal * point_normals[pixels.inside], axis=1) > s.min_normal_cosine
         difference = surface[rows, cols] - moved
         distances = np.sum(normal * difference, axis=1)
-        near = np.isfinite(distances) & (np.linalg.norm(difference, axis=1) < s.gate_m)
+        near = alike & np.isfinite(distances) & (np.linalg.norm(difference, axis=1) < s.gate_m)
         if np.count_nonzero(near) < s.min_points:
             return None
         motion = motion + _motion_step(moved[near] - pivot, normal[near], distances[near], kernel,
                                        motion)
     return float(np.linalg.norm(motion[3:]))
+
+
+def _normals(surface: np.ndarray) -> np.ndarray:
+    """(h, w, 3) unit normals of a grid of world points; NaN beside what was not measured."""
+    normals = np.cross(np.gradient(surface, axis=1), np.gradient(surface, axis=0))
+    return normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
 
 
 def _motion_step(points: np.ndarray, normals: np.ndarray, distances: np.ndarray, kernel: float,

@@ -136,7 +136,8 @@ class StereoScan:
             mesh=mesh and replace(mesh, vertices=geometry.apply(T, mesh.vertices).astype(
                 np.float32)),
             key_view=key_view and replace(key_view, T_world_camera=T @ key_view.T_world_camera),
-            reasons=(Reason.DEPTH_FROM_PICTURES, *volume.reasons))
+            reasons=(Reason.DEPTH_FROM_PICTURES, *(  # stereo sees little of a wall's foot
+                reason for reason in volume.reasons if reason != Reason.WALL_SHORT)))
 
 
 def depth_scan(views: list[View], config: ReconstructorConfig) -> StereoScan:

@@ -12,7 +12,7 @@ from stack_counter.container.wall_fit import FacePoints, FittedWall
 from stack_counter.container.wall_shapes import BoxWall, RoundWall
 from stack_counter.errors import ScanError
 from stack_counter.pipeline import StackCounter
-from stack_counter.types import View
+from stack_counter.types import HeightMap, View
 
 INNER, WALL, FILL, LIFT = (0.18, 0.12, 0.07), 0.004, 0.03, 0.028
 V = INNER[0] * INNER[1] * FILL
@@ -95,11 +95,14 @@ def test_the_lower_edge_is_the_last_height_without_a_gap():
     assert edge([]) == rim
 
 
-@pytest.mark.parametrize("kind, lowest, sides, base, want", [
-    ("box", 0.002, 2, 0.0, True), ("box", 0.03, 2, 0.0, False), ("box", 0.03, 1, 0.0, True),
-    ("box", 0.03, 2, 0.028, True), ("round", 0.03, 2, 0.0, True), ("box", 0.03, 0, 0.0, True)])
+@pytest.mark.parametrize("kind, lowest, sides, base, beside, want", [
+    ("box", 0.002, 2, 0.0, 0.0, True), ("box", 0.03, 2, 0.0, 0.0, False),
+    ("box", 0.03, 1, 0.0, 0.0, True), ("box", 0.03, 2, 0.028, 0.028, True),
+    ("round", 0.03, 2, 0.0, 0.0, True), ("box", 0.03, 0, 0.0, 0.0, True),
+    ("box", 0.03, 2, 0.0, 0.06, True), ("box", 0.03, 2, 0.0, np.nan, True)])
 def test_a_box_two_of_whose_sides_end_above_its_underside_is_noticed(kind, lowest, sides, base,
-                                                                     want):
+                                                                     beside, want):
+    """Unless other things stand right beside these sides, or nobody sees what does."""
     rim, shape = 0.1, BoxWall(np.array([0, 0, 0, 0.2, 0.2, 0.0]))
     if kind == "round":
         shape = RoundWall(np.array([0, 0, 0.1, 0.0, 0.0]))
@@ -107,4 +110,6 @@ def test_a_box_two_of_whose_sides_end_above_its_underside_is_noticed(kind, lowes
     places = np.array([[0.1, 0.0], [-0.1, 0.0]])[:sides]
     xy, z = np.repeat(places, len(z), axis=0), np.tile(z, sides)
     points = FacePoints(xy, rim - z, np.zeros(len(z), bool))
-    assert reaches_base(FittedWall(shape, WALL), points, rim, base) == want
+    top = HeightMap(geometry.pose(np.eye(3), np.array([-0.15, -0.15, 0.0])), 0.002,
+                    np.full((150, 150), beside, np.float32))
+    assert reaches_base(top, FittedWall(shape, WALL), points, rim, base) == want

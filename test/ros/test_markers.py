@@ -153,10 +153,10 @@ def test_text_says_count_interval_and_confidence():
     count = StackCount(count=412, count_low=391, count_high=430, confidence=0.9)
     assert count_text(count) == "412 parts (391 to 430, 90%)"
     one = StackCount(count=1, count_low=0, count_high=2, confidence=0.95,
-                     status=StackCount.STATUS_DEGRADED, reasons=["no_depth", "few_parts"])
+                     status=StackCount.STATUS_DEGRADED, reasons=["no_depth", "single_view"])
     first, *sentence = count_text(one).splitlines()
     assert first == "1 part (0 to 2, 95%)"
-    assert " ".join(sentence) == Reason.NO_DEPTH.sentence  # few parts do not degrade a count
+    assert " ".join(sentence) == Reason.NO_DEPTH.sentence  # a single view does not degrade a count
     assert max(map(len, sentence)) <= 40
     long = StackCount(status=StackCount.STATUS_ERROR, error="2 views used of 7 (skipped: "
                       "{'no_tf': 5}); expected at least 3")
