@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -16,6 +17,8 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ViewError
 from stack_counter.nodes.display import Display
 from stack_counter.nodes.report_service import ReportService
+from stack_counter.nodes.scan_arrival import SETTINGS as ARRIVAL
+from stack_counter.nodes.scan_arrival import ScanArrival
 from stack_counter.region_counters import RegionCounters, RegionVolume
 from stack_counter.ros.conversions import from_posed_image, from_skips, to_stack_volume, to_tally
 from stack_counter.ros.diagnostics import WARN, Rate
@@ -31,15 +34,11 @@ class ReconstructorTimes:
 
     Attributes:
         announce_period_s: seconds between two reports to a collector that may just have started.
-        finish_period_s: seconds between two looks whether a stopped scan is complete.
-        lost_after_s: seconds that a stopped scan waits for images on their way.
         stale_after_s: seconds without a view after which the live result is a warning.
         log_period_s: shortest time between two log lines of skipped views, s.
     """
 
     announce_period_s: float = 0.2
-    finish_period_s: float = 0.5
-    lost_after_s: float = 5.0
     stale_after_s: float = 10.0
     log_period_s: float = 5.0
 
@@ -59,10 +58,10 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self._config = config
         self._stack = self._next_stack = RegionCounters(config)  # of this scan, of those to come
         self._scan: PosedImage | None = None  # first image of the scan; None between scans
-        self._received = 0  # images of the scan
+        self._arrival = ScanArrival()  # of the scan's images
         self._finished_scan = ""  # id of the scan that ended last
         self._stopped: ScanStatus | None = None  # the collector's last status of a stopped scan
-        self._stopped_at = self._published_at = 0.0  # s, monotonic
+        self._published_at = 0.0  # s, monotonic
         self._running_volume = math.nan  # of the scan so far, all regions together, m3
         self._image_rate, self._last_view_s = Rate(), 0.0
         self.on_cleanup_call(self._release_scan)
@@ -73,7 +72,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self._images = self.subscribe(PosedImage, "posed_images", self._on_image, RELIABLE)
         self.subscribe(ScanStatus, "scan_status", self._on_status, RELIABLE)
         self.add_service(Trigger, "reset_reconstruction", self._on_reset)
-        self.add_timer(TIMES.finish_period_s, self._finish_if_complete)
+        self.add_timer(ARRIVAL.tick_s, self._on_arrival_tick)
         self.add_timer(TIMES.announce_period_s, self._announce_ready)
 
     def apply_runtime_config(self, config: ReconstructorConfig) -> None:
@@ -102,9 +101,10 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
 
     def _on_image(self, message: PosedImage) -> None:
         # The first image has what is counted; the message of the scan's end may come before it.
-        if self._scan is None or message.scan_id != self._scan.scan_id or not self._received:
+        is_first = not self._arrival.received
+        if self._scan is None or message.scan_id != self._scan.scan_id or is_first:
             self._start_scan(message)
-        self._received += 1
+        self._arrival.add_image()
         self._image_rate.tick()
         begin = time.monotonic()
         # Fuse the view.
@@ -137,7 +137,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
                                   throttle_duration_sec=TIMES.log_period_s)
 
     def _start_scan(self, message: PosedImage) -> None:
-        self._scan, self._received = message, 0
+        self._scan, self._arrival = message, ScanArrival()
         self._published_at, self._running_volume = time.monotonic(), math.nan
         if self._stopped is not None and self._stopped.scan_id != message.scan_id:
             self._stopped = None
@@ -157,23 +157,28 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
             self._status.publish(ScanStatus(node="reconstructor", scan_id=message.scan_id,
                                             state=ScanStatus.STOPPED))
             return
-        if self._stopped is None or self._stopped.scan_id != message.scan_id:
-            self._stopped_at = time.monotonic()
         self._stopped = message
         # A scan of which no image has come is one without views.
         if self._scan is None or self._scan.scan_id != message.scan_id:
             self._start_scan(PosedImage(scan_id=message.scan_id, header=message.header,
                                         world_frame=message.header.frame_id))
+        self._arrival.add_stop()
         self._finish_if_complete()
+
+    def _on_arrival_tick(self) -> None:
+        """Counts the time that a stopped scan waits for its images."""
+        if self._stopped is not None:
+            self._arrival.on_tick()
+            self._finish_if_complete()
 
     def _finish_if_complete(self) -> None:
         """Publishes the final volume once all images of a stopped scan have come, or are lost."""
         if self._stopped is None:
             return
-        late = time.monotonic() - self._stopped_at > TIMES.lost_after_s
-        if self._received < self._stopped.processed and not late:
+        missing = self._stopped.processed - self._arrival.received
+        if missing > 0 and not self._arrival.is_given_up:
             return
-        self._publish_volumes(final=True, lost=self._stopped.processed - self._received)
+        self._publish_volumes(final=True)
         self._finished_scan = self._scan.scan_id if self._scan else ""
         self._publish_status(ScanStatus.STOPPED)
         self._stopped = self._scan = None  # the next image starts a scan, whatever its id
@@ -187,12 +192,11 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
 
     # --- what is published --------------------------------------------------------------------
 
-    def _publish_volumes(self, final: bool, lost: int = 0) -> None:
+    def _publish_volumes(self, final: bool) -> None:
         """Publishes the volume of every region in the scan so far, and shows them.
 
         Args:
             final: the scan has ended: of a region that gives no volume the reason is published.
-            lost: number of images that the collector has sent and that have not come.
         """
         assert self._scan is not None  # for the type checker
         scan, missing = self._scan, list(self._stopped.missing_cameras) if self._stopped else []
@@ -200,10 +204,10 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         for measured in self._stack.volumes():
             volume = measured.volume
             if volume is not None:
-                if lost > 0:
+                views = self._scan_tally(volume.views)
+                if Reason.VIEWS_LOST.value in views.skipped:
                     volume = replace(volume, reasons=volume.reasons + (Reason.VIEWS_LOST,))
-                volume = replace(volume, views=self._scan_tally(volume.views)
-                                 ).with_missing_cameras(missing)
+                volume = replace(volume, views=views).with_missing_cameras(missing)
                 self._volume.publish(to_stack_volume(volume, scan.world_frame, scan, final))
                 self._reports.keep_volume(scan.scan_id, final, volume)
                 header = to_header(volume.stamp_ns, scan.world_frame)
@@ -218,26 +222,32 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
     def _publish_failure(self, measured: RegionVolume, missing_cameras: list[str]) -> None:
         """Publishes why a region of the scan that has ended gives no volume."""
         assert self._scan is not None  # for the type checker
-        scan = self._scan
+        scan, views = self._scan, self._scan_tally(measured.tally)
+        lost, error = views.skipped.get(Reason.VIEWS_LOST.value), measured.error
+        if lost:
+            error += f"; {Reason.VIEWS_LOST}: {lost} of {views.received} never reached this node"
         self._volume.publish(StackVolume(
             header=Header(stamp=scan.header.stamp, frame_id=scan.world_frame),
             scan_id=scan.scan_id, region=measured.region, final=True, part=scan.part,
-            unit_volume=scan.unit_volume, error=measured.error, missing_cameras=missing_cameras,
-            views=to_tally(self._scan_tally(measured.tally))))
+            unit_volume=scan.unit_volume, error=error, missing_cameras=missing_cameras,
+            views=to_tally(views)))
 
     def _scan_tally(self, tally: ViewTally) -> ViewTally:
-        """Returns the tally with the views that the collector skipped, once it has stopped."""
+        """Returns the tally with the collector's skips and the lost views, once it has stopped."""
         status = self._stopped
         if status is None:
             return tally
-        return ViewTally(status.received, status.processed, from_skips(status)) + tally
+        skipped = Counter(from_skips(status))
+        if self._arrival.is_given_up:
+            skipped[Reason.VIEWS_LOST.value] += status.processed - self._arrival.received
+        return ViewTally(status.received, status.processed, skipped) + tally
 
     def _publish_status(self, state: int = ScanStatus.SCANNING) -> None:
         assert self._scan is not None  # for the type checker
         tally = self._stack.tally
         self._status.publish(ScanStatus(
             header=self._scan.header, node="reconstructor", scan_id=self._scan.scan_id,
-            state=state, received=self._received, processed=tally.used,
+            state=state, received=self._arrival.received, processed=tally.used,
             skip_reasons=list(tally.skipped), skip_counts=list(tally.skipped.values()),
             coverage=self._stack.coverage, stack_volume=self._running_volume))
 

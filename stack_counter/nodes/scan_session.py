@@ -24,7 +24,7 @@ from stack_counter.nodes.scan_events import (
     ViewsDecided,
 )
 from stack_counter.nodes.scan_queue import QueuedScan, ScanQueue
-from stack_counter.types import View, ViewTally
+from stack_counter.types import Reason, View, ViewTally
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,17 @@ class ScanSessionSettings:
     Attributes:
         announce_again_s: the end of a scan is announced again after this time, seconds, until
             the reconstructor answers.
-        lost_after_s: the reconstructor may be without a scan that was sent for this time,
-            seconds, before its views count as lost: it started anew.
+        lost_after_ticks: the reconstructor may report for so many calls of the timer that it is
+            without a scan that was sent before its views count as lost: it started anew. It
+            reports every 0.2 s; time alone would also pass while either of us stands still.
+        stood_still_s: longer times between two calls of the timer, seconds, were ours, not the
+            cameras': what they sent meanwhile waits in our own queues.
         many_scans: more scans than these waiting are a problem to name.
     """
 
     announce_again_s: float = 2.0
-    lost_after_s: float = 3.0
+    lost_after_ticks: int = 20
+    stood_still_s: float = 0.5
     many_scans: int = 2
 
 
@@ -101,8 +105,9 @@ class ScanSession(ABC):
         self.accepting_images = self.reconstructor_ready = False
         self._tally_before = ViewTally()  # of the source, when the last scan was closed
         self.late: Counter[str] = Counter()
-        self._announced_at = 0.0
-        self._unknown_since = 0.0  # the reconstructor has no scan though views of one were sent
+        self._announced_at = self._ticked_at = 0.0
+        # The reconstructor reports that it has no scan, though views of one were sent.
+        self._unknown_ticks, self._unknown_since_tick = 0, False
 
     @property
     def tally(self) -> ViewTally:
@@ -175,11 +180,17 @@ class ScanSession(ABC):
             message_since_tick: a message of a camera was handled since the last call. Then images
                 may lie in our own queues, and it is we who are late: no cycle is given up.
         """
+        stood_still = self._clock() - self._ticked_at > SETTINGS.stood_still_s
+        self._ticked_at = self._clock()
         events = self.collect_views()
-        if not message_since_tick:
+        if not (message_since_tick or stood_still):
             events += self.close_waiting(expired_only=True)
+        self._unknown_ticks += self._unknown_since_tick
+        self._unknown_since_tick = False
         first = self.queue.first
-        if first is not None and first.reported and self.reconstructor_ready \
+        if first is not None and self._unknown_ticks > SETTINGS.lost_after_ticks:
+            events += [self._mark_scan_lost(first), *self.send_due()]
+        elif first is not None and first.reported and self.reconstructor_ready \
                 and self._clock() - self._announced_at > SETTINGS.announce_again_s:
             events.append(self._announce_end(first))
         return events
@@ -195,16 +206,15 @@ class ScanSession(ABC):
             is_stopped: it is done with the scan.
         """
         self.reconstructor_ready = True
-        events: list[ScanEvent] = []
         scan = self.queue.first
         if scan is not None and scan_id == scan.scan_id:
-            self._unknown_since = 0.0
+            self._unknown_ticks, self._unknown_since_tick = 0, False
             scan.processed = received
             if is_stopped:
                 self.queue.remove_finished(scan.scan_id)
         elif scan is not None and is_idle and (scan.reported or scan.sent > scan.processed):
-            events += self._mark_scan_lost(scan)
-        return events + self.send_due()
+            self._unknown_since_tick = True
+        return self.send_due()
 
     def problems(self) -> list[str]:
         """Names what waits too long, one line each."""
@@ -264,14 +274,10 @@ class ScanSession(ABC):
         scan.reported, self._announced_at = True, self._clock()
         return ScanSent(scan)
 
-    def _mark_scan_lost(self, scan: QueuedScan) -> list[ScanEvent]:
-        """Counts the views that were sent as lost, once the reconstructor is without them long."""
-        now = self._clock()
-        self._unknown_since = self._unknown_since or now
-        if now - self._unknown_since <= SETTINGS.lost_after_s:
-            return []
-        scan.lost["lost"] += scan.sent
+    def _mark_scan_lost(self, scan: QueuedScan) -> Problem:
+        """Counts the views that were sent as lost: the reconstructor is without them too long."""
+        scan.lost[Reason.VIEWS_LOST.value] += scan.sent
         scan.sent, scan.processed, scan.reported = 0, 0, False
-        self._unknown_since = 0.0
-        return [Problem(f"scan '{scan.scan_id}': the reconstructor has none of its views; "
-                        "expected them: it started anew")]
+        self._unknown_ticks = 0
+        return Problem(f"scan '{scan.scan_id}': the reconstructor has none of its views; "
+                       "expected them: it started anew")

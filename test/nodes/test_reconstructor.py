@@ -2,6 +2,8 @@
 """The reconstructor over real DDS."""
 
 import json
+import signal
+import threading
 from pathlib import Path
 
 import pytest
@@ -26,30 +28,54 @@ def ros(ros_of_module):
     return ros_of_module
 
 
+class Collector:
+    """Sends scans to a reconstructor as the collector does."""
+
+    def __init__(self, ros):
+        self.ros = ros
+        self.process = ros.start("reconstructor", report_folder=ros.folder / "reports")
+        self._images = ros.node.create_publisher(PosedImage, f"{SPACE}/posed_images",
+                                                 QoSProfile(depth=100))
+        self._status = ros.node.create_publisher(ScanStatus, f"{SPACE}/scan_status",
+                                                 QoSProfile(depth=100))
+        ros.wait_for_subscribers(self._images, self._status)
+        self._volumes = ros.collect_messages(StackVolume, f"{SPACE}/volume", LATCHED)
+        # The collector announces an end until there is a result.
+        self._stop = ScanStatus()
+        ros.node.create_timer(1.0, lambda: self._stop.scan_id and self._status.publish(self._stop))
+
+    def send(self, views, name):
+        for view in views:
+            self._images.publish(to_posed_image(view, "base_link", name, "nut", 1e-6))
+
+    def stop(self, views, name):
+        """Announces the end of a scan of so many views."""
+        self._done = len(self._volumes)
+        self._stop = ScanStatus(node="collector", scan_id=name, state=ScanStatus.STOPPED,
+                                received=views + 1, skip_reasons=["blurred"], skip_counts=[1],
+                                processed=views)
+        self._stop.header.frame_id = "base_link"
+        self._status.publish(self._stop)
+
+    def final_volume(self, name):
+        # On a busy machine there are running volumes before it.
+        self.ros.wait(lambda: any(v.final for v in self._volumes[self._done:]),
+                      f"the volume of scan {name}")
+        self._stop = ScanStatus()
+        assert self._volumes[-1].scan_id == name
+        return self._volumes[-1]
+
+    def __call__(self, views, name, announced=None):
+        self._status.publish(ScanStatus(node="collector", scan_id=name,
+                                        state=ScanStatus.SCANNING))
+        self.send(views, name)
+        self.stop(len(views) if announced is None else announced, name)
+        return self.final_volume(name)
+
+
 @pytest.fixture(scope="module")
 def reconstructor(ros):
-    ros.start("reconstructor", report_folder=ros.folder / "reports")
-    images = ros.node.create_publisher(PosedImage, f"{SPACE}/posed_images", QoSProfile(depth=100))
-    status = ros.node.create_publisher(ScanStatus, f"{SPACE}/scan_status", QoSProfile(depth=100))
-    ros.wait_for_subscribers(images, status)
-    volumes = ros.collect_messages(StackVolume, f"{SPACE}/volume", LATCHED)
-
-    def scan(views, name, announced=None):
-        done = len(volumes)
-        status.publish(ScanStatus(node="collector", scan_id=name, state=ScanStatus.SCANNING))
-        for view in views:
-            images.publish(to_posed_image(view, "base_link", name, "nut", 1e-6))
-        stop = ScanStatus(node="collector", scan_id=name, state=ScanStatus.STOPPED,
-                          received=len(views) + 1, skip_reasons=["blurred"], skip_counts=[1],
-                          processed=len(views) if announced is None else announced)
-        stop.header.frame_id = "base_link"
-        status.publish(stop)
-        # On a busy machine there are running volumes before it.
-        ros.wait(lambda: any(v.final for v in volumes[done:]), f"the volume of scan {name}")
-        assert volumes[-1].scan_id == name
-        return volumes[-1]
-
-    return scan
+    return Collector(ros)
 
 
 def test_a_report_is_written_on_request_below_the_configured_folder(ros, reconstructor):
@@ -100,6 +126,23 @@ def test_too_few_views_say_so_and_lost_ones_are_named(reconstructor):
     lost = reconstructor(box.views(4), "lost", announced=5)
     # A block with walls so smooth may as well be a full bin.
     assert {"container_unsure", "views_lost"} <= set(lost.reasons)
+    assert dict(zip(lost.views.skip_reasons, lost.views.skip_counts)) == {
+        "blurred": 1, "views_lost": 1}
+
+
+def test_images_that_wait_in_a_node_that_stood_still_are_not_lost(ros, reconstructor):
+    """It gets no processor, for longer than images may be late, before the first one."""
+    states = ros.collect_messages(ScanStatus, f"{SPACE}/scan_status")
+    reconstructor.stop(4, "stopped")
+    ros.wait(lambda: any(s.node == "reconstructor" and s.scan_id == "stopped" for s in states),
+             "the scan without images")
+    reconstructor.process.send_signal(signal.SIGSTOP)
+    box = Scene().box([0.02, 0.01, 0.03], [0.2, 0.15, 0.06], 0.3)
+    reconstructor.send(box.views(4), "stopped")
+    threading.Event().wait(6.0)
+    reconstructor.process.send_signal(signal.SIGCONT)
+    volume = reconstructor.final_volume("stopped")
+    assert volume.views.used == 4 and "views_lost" not in volume.reasons
 
 
 def test_what_is_shown_is_latched_and_goes_with_the_next_scan(ros, reconstructor):

@@ -17,6 +17,7 @@ from stack_counter.nodes.scan_events import (
     ViewsDecided,
 )
 from stack_counter.nodes.scan_modes import make_session
+from stack_counter.nodes.scan_session import SETTINGS
 from stack_counter.types import Intrinsics, View, ViewTally
 from stack_counter.views.rig import Rig, RigCamera
 
@@ -156,11 +157,28 @@ def test_what_a_reconstructor_that_started_anew_has_lost_is_counted():
     bench = Bench("scan")
     bench.session.start("a")
     bench.give(1, 2, 3, 4, 5)
-    assert bench.report("", idle=True) == []
-    bench.clock.now += 3.1
-    events = bench.report("", idle=True)
+    for _ in range(SETTINGS.lost_after_ticks):
+        assert bench.report("", idle=True) == [] == bench.session.on_timer(False)
+    bench.report("", idle=True)
+    events = bench.session.on_timer(False)
     assert "scan 'a': the reconstructor has none of its views" in of_kind(events, Problem)[0].text
-    assert sent(events) == [("a", 5)] and bench.session.scan.lost == {"lost": 4}
+    assert sent(events) == [("a", 5)] and bench.session.scan.lost == {"views_lost": 4}
+
+
+def test_views_are_not_lost_because_a_node_stood_still():
+    bench = Bench("scan")
+    bench.session.start("a")
+    bench.give(1)
+    bench.report("", idle=True)
+    bench.clock.now += 60  # the reconstructor reports again, then takes the view from its queue
+    bench.report("", idle=True)
+    assert of_kind(bench.session.on_timer(False), Problem) == []
+    bench.report("a", received=1)
+    bench.clock.now += 60  # we stood still, and all its reports come at once
+    for _ in range(300):
+        bench.report("", idle=True)
+    assert of_kind(bench.session.on_timer(False), Problem) == []
+    assert not bench.session.scan.lost
 
 
 def test_too_many_views_that_wait_are_dropped_oldest_first():
@@ -202,6 +220,9 @@ def test_a_camera_that_gives_nothing_is_named_when_the_wait_is_over(monkeypatch)
     now = [1e6]
     monkeypatch.setattr("stack_counter.views.cycles.time.monotonic", lambda: now[0])
     assert bench.session.on_timer(message_since_tick=True) == []  # our own queue is what is late
+    bench.clock.now += 1.0
+    assert bench.session.on_timer(message_since_tick=False) == []  # so it is: we stood still
+    bench.clock.now += 0.1
     assert of_kind(bench.session.on_timer(message_since_tick=False), ScanClosed)
     assert bench.session.last_closed.missing == ("right",)
     late = bench.give(1.002, camera="right")
