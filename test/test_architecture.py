@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parent.parent / "stack_counter"
 
 # The ground: modules directly in the package. Each may import those before it.
 GROUND = ("errors", "types", "named_region", "config", "geometry", "files", "pretrained",
-          "counting")
+          "counting", "child_processes")
 # Package -> which others it may import besides the ground; only what stands above it here.
 LAYERS = {
     "views": (), "fusion": (), "display": (), "occupancy": (),

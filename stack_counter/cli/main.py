@@ -9,7 +9,11 @@ from __future__ import annotations
 
 import argparse
 import logging
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -51,13 +55,27 @@ def main(arguments: list[str] | None = None) -> int:
     # Skipped views are counted in the result; one line on stderr is for what ends the command.
     logging.basicConfig(level=logging.ERROR, format="%(message)s", stream=sys.stderr)
     try:
-        return options.run(options)
+        with _interrupted_by_sigterm():
+            return options.run(options)
     except (ConfigError, MeshError, PartError, WeightsError, OSError) as error:
         return _report_error(error, _USAGE)
     except StackCounterError as error:
         return _report_error(error, _NO_COUNT)
     except KeyboardInterrupt:
         return _INTERRUPTED
+
+
+@contextmanager
+def _interrupted_by_sigterm() -> Iterator[None]:
+    """Has SIGTERM do what Ctrl-C does: what was started is ended, and what is open is closed."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals are the main thread's
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _report_error(error: Exception, code: int) -> int:

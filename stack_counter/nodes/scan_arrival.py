@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the images of a stopped scan are still on their way to the reconstructor. No ROS.
 
-Time is counted in ticks of the node's own timer: while the node is busy, or gets no processor, images
-wait in its own queue, and it is not they that are late.
+Time is counted in ticks of the node's own timer: while the node is busy, or gets no processor,
+images wait in its own queue, and it is not they that are late.
 """
 
 from __future__ import annotations

@@ -26,6 +26,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
+from stack_counter.child_processes import end_with_parent
 from stack_counter.config import NAMESPACE, Section, build_section
 from stack_counter.errors import StackCounterError
 from stack_counter.named_region import REGIONS, nest
@@ -270,6 +271,7 @@ def _describe_parameter(field: dataclasses.Field) -> ParameterDescriptor:
 
 def run(node_class: type[ManagedNode]) -> None:
     """Runs a node until SIGINT or SIGTERM; configures and activates it if `autostart` is true."""
+    end_with_parent()
     rclpy.init()
     node = node_class()  # type: ignore[call-arg]  # nodes name themselves
     executor = SingleThreadedExecutor()  # nothing here blocks: the action waits on futures

@@ -17,6 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
+from stack_counter.child_processes import ENDS_WITH_STDIN
 from stack_counter.config import Config, to_ros_parameters
 from stack_counter.errors import StackCounterError
 from stack_counter.files import config_path
@@ -67,7 +68,7 @@ def shared_memory_environment() -> dict[str, str]:
 
 def _start_node(name: str, parameters: Path, environment: Mapping[str, str], output: IO | int
                 ) -> subprocess.Popen[str]:
-    """Starts one node as a process.
+    """Starts one node as a process, which ends with this one, whatever ends this.
 
     Args:
         name: one of `NODES`.
@@ -78,8 +79,8 @@ def _start_node(name: str, parameters: Path, environment: Mapping[str, str], out
     return subprocess.Popen(
         [sys.executable, "-m", f"stack_counter.nodes.{name}", "--ros-args", "--params-file",
          str(parameters)],
-        env={**os.environ, **environment}, stdout=output, stderr=subprocess.STDOUT, text=True,
-        errors="replace",
+        env={**os.environ, **environment, ENDS_WITH_STDIN: "1"}, stdin=subprocess.PIPE,
+        stdout=output, stderr=subprocess.STDOUT, text=True, errors="replace",
         start_new_session=True)  # Ctrl-C in the terminal reaches this process, which passes it on
 
 

@@ -9,15 +9,15 @@ import os
 import shutil
 import time
 from collections import Counter
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from hashlib import sha256
-from multiprocessing import get_context
 from pathlib import Path
 
 from tqdm import tqdm
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.errors import StackCounterError
 from stack_counter.sim.physics.drop import make_scene
 from stack_counter.sim.physics.recipes import Recipe
@@ -132,9 +132,7 @@ def _make_shards(run: _Run) -> None:
     Those made go from `run.sizes`.
     """
     remaining = {n: size for n, size in sorted(run.sizes.items()) if n not in run.failed}
-    # Spawned: a forked one would inherit the threads of whatever was loaded before.
-    with ProcessPoolExecutor(run.workers, mp_context=get_context("spawn")) as pool, \
-            open(run.out / LOG_FILE, "a", buffering=1) as log:
+    with worker_pool(run.workers) as pool, open(run.out / LOG_FILE, "a", buffering=1) as log:
         jobs: dict[Future, int] = {
             pool.submit(_make_shard, run.out, n, size, run.seed, run.recipe): n
             for n, size in remaining.items()}

@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
 from functools import cache
-from multiprocessing import get_context
 
 import numpy as np
 
 from stack_counter import geometry
+from stack_counter.child_processes import worker_pool
 from stack_counter.config import CounterConfig, ReconstructorConfig
 from stack_counter.container.catalogue import configured_container
 from stack_counter.errors import PartError, ScanError, StackCounterError
@@ -115,14 +115,10 @@ def simulate_piles(request: PileRequest, count: int, workers: int) -> Iterator[P
         for index in range(count):
             yield make_pile(request, index)
         return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with worker_pool(workers) as pool:
         jobs = [pool.submit(make_pile, request, index) for index in range(count)]
-        try:
-            for job in as_completed(jobs):
-                yield job.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        for job in as_completed(jobs):
+            yield job.result()
 
 
 def make_pile(request: PileRequest, index: int) -> Pile:

@@ -16,6 +16,7 @@ from multiprocessing.connection import Connection
 import numpy as np
 import trimesh
 
+from stack_counter.child_processes import end_with_parent
 from stack_counter.sim.shapes import Shape, ShapeError
 
 
@@ -104,6 +105,9 @@ def _decompose_in_own_process(vertices: bytes, faces: bytes, threshold: float
         pieces = receiver.recv()
     except EOFError:
         return []
+    except BaseException:  # an interruption
+        process.kill()
+        raise
     finally:
         receiver.close()
         process.join()
@@ -117,6 +121,7 @@ def _send_decomposition(vertices: bytes, faces: bytes, threshold: float, sender:
     The mesh has (n, 3) float64 vertices and (m, 3) int32 faces. The process is ended if it takes
     too long.
     """
+    end_with_parent()
     # The processor's time, not the clock's: a busy machine gets the same pieces.
     resource.setrlimit(resource.RLIMIT_CPU, (SETTINGS.max_cpu_s, SETTINGS.max_cpu_s))
     import coacd  # here: only this needs it

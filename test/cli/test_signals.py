@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that are ended by a signal leave no process behind."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import trimesh
+from kits.survivors import descendants, wait_for_end, wait_until
+
+ROOT = Path(__file__).parents[2]
+
+
+def start(folder, *arguments):
+    """Starts `stack-counter` in the repository's root; what it prints goes to a file."""
+    with open(folder / "log", "w") as log:
+        return subprocess.Popen(
+            [sys.executable, "-m", "stack_counter", *arguments], stdout=log,
+            stderr=subprocess.STDOUT, cwd=ROOT,
+            env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+                 "ROS_DOMAIN_ID": "101"})
+
+
+def end(process, number, children):
+    """Sends a signal once so many processes were started; returns the exit code."""
+    try:
+        wait_until(lambda: len(descendants(process.pid)) >= children, f"{children} processes")
+        started = descendants(process.pid)
+        process.send_signal(number)
+        code = process.wait(60)
+    finally:
+        process.kill()
+    wait_for_end(started)
+    return code
+
+
+@pytest.mark.parametrize("command", ["replay", "run"])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_no_node_outlives_its_command(tmp_path, command, number):
+    pytest.importorskip("rclpy")
+    arguments = {"replay": ("replay", "bags/demo", "--part", "demo_nut"), "run": ("run",)}[command]
+    code = end(start(tmp_path, *arguments), number, 3)
+    assert code in ((-number,) if number == signal.SIGKILL else (0, 130))
+    assert "Traceback" not in (tmp_path / "log").read_text()
+
+
+def test_part_add_that_is_terminated_leaves_nothing(tmp_path):
+    mesh = tmp_path / "block.stl"
+    trimesh.creation.box((30.0, 20.0, 20.0)).export(mesh)
+    code = end(start(tmp_path, "part", "add", "block", "--mesh", str(mesh), "--workers", "2",
+                     "--catalogue", str(tmp_path / "parts.yaml")), signal.SIGTERM, 3)
+    assert code == 130
+    printed = (tmp_path / "log").read_text()
+    assert "leaked" not in printed and "Traceback" not in printed
