@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,6 +20,7 @@ import numpy as np
 from scipy import ndimage
 from tqdm import tqdm
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common.sets import add_set_argument, find_set_folder
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     """Prints mean, 10th percentile and worst IoU of every segmenter; returns the exit code."""
     scenes = choose_scenes(find_set_folder(args.set), args.scenes, args.seed)
     score = partial(score_scene, views=args.views, seed=args.seed, depth=args.depth)
-    with ProcessPoolExecutor(args.workers) as pool:
+    with worker_pool(args.workers) as pool:
         rows = list(tqdm(pool.map(score, scenes), total=len(scenes), desc="labels"))
     for name in rows[0]["iou"]:
         print(f"{name}: {format_summary([row['iou'][name] for row in rows])}")

@@ -12,14 +12,13 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.config import CollectorConfig, CounterConfig, ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common import metrics
@@ -76,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
     """Prints the figures; returns the exit code."""
     scenes = read_filled_scenes(options.set, options.scenes)
     jobs = [(scene, options.picks, options.share, options.camera) for scene in scenes]
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+    with worker_pool(options.workers) as pool:
         counts = [count for of_scene in tqdm(pool.map(_count_job, jobs), total=len(jobs),
                                              unit=" scenes") for count in of_scene]
     print(f"{options.set}: {len(scenes)} scenes, {options.camera} camera, {options.picks} picks\n"

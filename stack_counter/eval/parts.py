@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import argparse
 import json
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 
 from tqdm import tqdm
 from typing_extensions import override
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.config import Config, CounterConfig, ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.eval.common.part_table import (
@@ -72,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
     options.cache.mkdir(parents=True, exist_ok=True)
     models = {rig.number: _learn_models(rig, options) for rig in tqdm(rigs, desc="part add")}
     scenes = [scene for rig in rigs for scene in rig.scenes]
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+    with worker_pool(options.workers) as pool:
         volumes = dict(zip((s.index for s in scenes), tqdm(
             pool.map(_measure_volume, scenes), total=len(scenes), desc="scans", unit=" scans")))
     # Counts by all that may be known of the part

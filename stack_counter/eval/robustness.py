@@ -10,15 +10,14 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 
 from tqdm import tqdm
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.config import CounterConfig
 from stack_counter.errors import StackCounterError, ViewError
 from stack_counter.eval.common.sets import find_set_folder
@@ -103,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
     if options.workers == 1:
         outcomes = [_count_job(job) for job in tqdm(jobs, unit=" scans")]
     else:
-        with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+        with worker_pool(options.workers) as pool:
             outcomes = list(tqdm(pool.map(_count_job, jobs), total=len(jobs), unit=" scans"))
     for outcome in outcomes:
         if outcome.outcome in ("vague", "wrong") or options.only is not None:

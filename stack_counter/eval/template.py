@@ -7,14 +7,13 @@ stack-counter evaluate template --workers 2
 from __future__ import annotations
 
 import argparse
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.eval.common import metrics
@@ -75,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Prints the figures; returns the exit code."""
     shapes = load_shapes(options.library)
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+    with worker_pool(options.workers) as pool:
         checks = list(tqdm(pool.map(measure_template, shapes, [options.pieces] * len(shapes),
                                     [options.views] * len(shapes)),
                            total=len(shapes), unit=" parts"))

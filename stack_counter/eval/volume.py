@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import argparse
 import json
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.eval.common.sets import add_set_argument, read_filled_scenes
@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
     """Prints and writes the figures; returns the exit code."""
     jobs = [(scene, options) for scene in read_filled_scenes(options.set, options.scenes)]
     if options.workers > 1:
-        with ProcessPoolExecutor(options.workers) as pool:
+        with worker_pool(options.workers) as pool:
             cases = list(tqdm(pool.map(_measure_recording, jobs), total=len(jobs), unit=" scenes"))
     else:
         cases = [_measure_recording(job) for job in tqdm(jobs, unit=" scenes")]

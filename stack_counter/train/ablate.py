@@ -11,15 +11,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
-from multiprocessing import get_context
 from typing import Any
 
 import cv2
 import numpy as np
 import torch
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.train.data.batches import assign_folds
 from stack_counter.train.gamma import add_arguments, load_data
@@ -111,7 +110,7 @@ def main() -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     load_data(options)  # casts what is not cast yet, before the processes need it
     jobs = [(options, name, number) for name in options.variants for number in options.folds]
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+    with worker_pool(options.workers) as pool:
         rows = list(pool.map(run_variant, jobs))
     (options.out / "ablation.json").write_text(json.dumps(rows, indent=1) + "\n")
     for name in options.variants:

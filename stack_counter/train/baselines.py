@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -20,6 +19,7 @@ import numpy as np
 from safetensors.numpy import save_file
 from tqdm import tqdm
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.occupancy.baselines import FORMAT, SETTINGS, normalized_height
@@ -144,7 +144,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
     paths = sorted(options.scenes.glob("shard_*.npz"))[:options.shards]
-    with ProcessPoolExecutor(options.workers) as pool:
+    with worker_pool(options.workers) as pool:
         rows = [row for shard in tqdm(pool.map(measure_shard, paths), total=len(paths))
                 for row in shard]
     options.out.with_suffix(".jsonl").write_text(

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import argparse
 import json
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 import cv2
 import numpy as np
 import torch
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.errors import ConfigError
 from stack_counter.occupancy.checkpoint import make_net
 from stack_counter.train.data.batches import FOLDS, assign_folds
@@ -53,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     data = load_data(options)
     (options.out / "families.json").write_text(json.dumps(data.families))
     # Each on one core: networks this small lose more by sharing two than they gain.
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+    with worker_pool(options.workers) as pool:
         for job in [pool.submit(train_fold, options, number) for number in options.folds]:
             job.result()
     plot_curves(options.out)

@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.sim import read_shard
 from stack_counter.train.data.fused import reconstruct_sample
 from stack_counter.train.data.heights import write_samples
@@ -59,7 +58,7 @@ def main() -> int:
                       options.one_view)
                  for path in sorted(Path(folder).glob("shard_*.npz"))]
     jobs = [job for job in jobs if not job.out.exists()]
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+    with worker_pool(options.workers) as pool:
         for _ in tqdm(pool.map(_store_scans, jobs), total=len(jobs), unit=" shards"):
             pass
     return 0

@@ -10,15 +10,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import minimize
 from tqdm import tqdm
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.parts.template import scan_template
@@ -138,7 +137,7 @@ def main() -> int:
     options = parser.parse_args()
     # Simulate the scans, unless they are stored.
     if not options.kept.exists():
-        with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+        with worker_pool(options.workers) as pool:
             made = [e for e in tqdm(pool.map(simulate_example, range(options.scans)),
                                     total=options.scans, unit=" scans") if e is not None]
         options.kept.parent.mkdir(parents=True, exist_ok=True)

@@ -16,14 +16,14 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, fields, replace
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.errors import ConfigError, StackCounterError
 from stack_counter.files import write_atomically
 from stack_counter.fusion.volume_model import (
@@ -159,16 +159,13 @@ def run_scans(jobs: Sequence[ScanJob], log: Path | None, workers: int
     lines = map(json.loads, log.read_text().splitlines()) if log and log.exists() else ()
     done = {(line["scene"], line["views"]): line for line in lines}
     missing = [job for job in jobs if job.key not in done]
-    # Spawned: a forked process would inherit the threads of whatever was loaded before.
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn")) if workers > 1 else None
-    results = pool.map(run_scan, missing) if pool else map(run_scan, missing)
-    for line in tqdm(results, total=len(missing), unit=" scans"):
-        done[line["scene"], line["views"]] = line
-        if log:
-            with open(log, "a") as file:
-                file.write(json.dumps(line) + "\n")
-    if pool:
-        pool.shutdown()
+    with worker_pool(workers) if workers > 1 else nullcontext() as pool:
+        results = pool.map(run_scan, missing) if pool else map(run_scan, missing)
+        for line in tqdm(results, total=len(missing), unit=" scans"):
+            done[line["scene"], line["views"]] = line
+            if log:
+                with open(log, "a") as file:
+                    file.write(json.dumps(line) + "\n")
     used = [done[job.key] for job in jobs]
     return [VolumeErrors(**line) for line in used if "refused" not in line], \
         sum("refused" in line for line in used)

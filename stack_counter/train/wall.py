@@ -12,15 +12,14 @@ import argparse
 import json
 import sys
 import zlib
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import torch
 from tqdm import tqdm
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.container.wall_network import (
     WallNet,
     outer_width,
@@ -125,7 +124,7 @@ def load_crops(folders: list[str], cache: Path, workers: int) -> WallCrops:
         raise ConfigError(f"no shard_*.npz in {folders}; expected folders of scenes")
     missing = [job for job in jobs if not job[2].exists()]
     if missing:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        with worker_pool(workers) as pool:
             for _ in tqdm(pool.map(_store_crops, missing), total=len(missing), unit=" shards"):
                 pass
     stored = [np.load(path) for _, _, path in jobs if path.exists()]

@@ -7,15 +7,14 @@ import argparse
 import json
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.config import CounterConfig
 from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, ViewError
@@ -68,7 +67,7 @@ def measure_cases(options: argparse.Namespace) -> list[Case]:
             for scene in read_filled_scenes(options.set, options.scenes)]
     if options.workers == 1:
         return [_measure_case(*job) for job in tqdm(jobs, unit=" scenes")]
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+    with worker_pool(options.workers) as pool:
         return list(tqdm(pool.map(_measure_job, jobs), total=len(jobs), unit=" scenes"))
 
 

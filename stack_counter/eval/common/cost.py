@@ -6,9 +6,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +14,7 @@ import open3d as o3d
 import open3d.core as o3c
 
 from stack_counter import geometry
+from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, StackCounterError
 from stack_counter.eval.common import long_scan
@@ -119,7 +118,7 @@ def measure_long_scan_cost(scene: Scene, seed: int) -> dict[str, float]:
             np.savez(Path(folder) / f"{i:03d}.npz", depth=np.round(1000 * view.depth).astype(
                 np.uint16), T_world_camera=view.T_world_camera)
         del recorded
-        with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        with worker_pool(1) as pool:
             return pool.submit(long_scan.measure_stored_views, Path(folder),
                                SETTINGS.long_camera).result()
 

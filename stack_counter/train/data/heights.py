@@ -9,14 +9,13 @@ from: `train.data.degrade`.
 from __future__ import annotations
 
 import zlib
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
+from stack_counter.child_processes import worker_pool
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, make_maps
 from stack_counter.reconstruction.integral import fill_unknown_cells
 from stack_counter.sim import Scene, ideal_surface, read_shard
@@ -151,8 +150,7 @@ def load_samples(folders: list[Path], cache: Path, workers: int) -> list[Sample]
     cache.mkdir(parents=True, exist_ok=True)
     missing = [job for job in jobs if not job[1].exists()]
     if missing:
-        # Spawned: a forked process would inherit the threads of whatever was loaded before.
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        with worker_pool(workers) as pool:
             for _ in tqdm(pool.map(_store_shard, missing), total=len(missing), unit=" shards",
                           desc="height maps"):
                 pass
