@@ -36,15 +36,12 @@ class ScanSessionSettings:
             the reconstructor answers.
         lost_after_ticks: the reconstructor may report for so many calls of the timer that it is
             without a scan that was sent before its views count as lost: it started anew. It
-            reports every 0.2 s; time alone would also pass while either of us stands still.
-        stood_still_s: longer times between two calls of the timer, seconds, were ours, not the
-            cameras': what they sent meanwhile waits in our own queues.
+            reports every 0.2 s; time alone would pass while either of us stands still.
         many_scans: more scans than these waiting are a problem to name.
     """
 
     announce_again_s: float = 2.0
     lost_after_ticks: int = 20
-    stood_still_s: float = 0.5
     many_scans: int = 2
 
 
@@ -105,7 +102,7 @@ class ScanSession(ABC):
         self.accepting_images = self.reconstructor_ready = False
         self._tally_before = ViewTally()  # of the source, when the last scan was closed
         self.late: Counter[str] = Counter()
-        self._announced_at = self._ticked_at = 0.0
+        self._announced_at = 0.0
         # The reconstructor reports that it has no scan, though views of one were sent.
         self._unknown_ticks, self._unknown_since_tick = 0, False
 
@@ -180,10 +177,8 @@ class ScanSession(ABC):
             message_since_tick: a message of a camera was handled since the last call. Then images
                 may lie in our own queues, and it is we who are late: no cycle is given up.
         """
-        stood_still = self._clock() - self._ticked_at > SETTINGS.stood_still_s
-        self._ticked_at = self._clock()
         events = self.collect_views()
-        if not (message_since_tick or stood_still):
+        if not message_since_tick:
             events += self.close_waiting(expired_only=True)
         self._unknown_ticks += self._unknown_since_tick
         self._unknown_since_tick = False

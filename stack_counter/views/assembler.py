@@ -8,7 +8,6 @@ decided in stamp order, and only once all that can still change it has come.
 from __future__ import annotations
 
 import logging
-import time
 from collections import Counter, deque
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,6 +19,7 @@ from stack_counter.config import CollectorConfig
 from stack_counter.errors import ViewError
 from stack_counter.types import View, ViewTally
 from stack_counter.views import decoding
+from stack_counter.views.awake_clock import awake_time
 from stack_counter.views.depth_stream import DepthStream
 from stack_counter.views.image_stream import MAX_QUEUED_MESSAGES, Calibrations, ImageStream
 from stack_counter.views.robot import Robot
@@ -57,7 +57,7 @@ class WaitingImage:
         stamp_ns: its stamp, ns.
         frame: name of its optical frame.
         color: (h, w, 3) uint8 RGB.
-        since: monotonic time of its arrival, seconds.
+        since: time of `awake_time` at its arrival, seconds.
     """
 
     stamp_ns: int
@@ -80,7 +80,7 @@ class ViewAssembler:
 
         Args:
             config: settings.
-            live: messages that stay away are given up after `tf_timeout_s` of wall time. Replay
+            live: messages that stay away are given up after `tf_timeout_s` of awake time. Replay
                 without ROS has nothing to wait for; there, nothing may depend on the clock.
             T_world_camera: (4, 4) pose of a fixed camera; None: it comes from TF or a topic.
             frame: name of the camera's frame in TF; empty: the one that its images name.
@@ -132,7 +132,7 @@ class ViewAssembler:
             stamp, frame = decoding.stamp_ns(message.header.stamp), message.header.frame_id
             self._check_order(stamp, frame)
             self._waiting.append(WaitingImage(stamp, frame, decoding.color_to_array(message),
-                                          time.monotonic()))
+                                          awake_time()))
         except ViewError as error:
             self._count_skipped(error)
 
@@ -212,10 +212,10 @@ class ViewAssembler:
 
     def _decide_waiting(self, everything: bool) -> list[View]:
         """Accepts or skips the images that wait, oldest first, up to one that is incomplete."""
-        views = []
+        views, now = [], awake_time()
         while self._waiting:
             head = self._waiting[0]
-            late = self._live and time.monotonic() - head.since >= self._config.tf_timeout_s
+            late = self._live and now - head.since >= self._config.tf_timeout_s
             patient = not (everything or late or len(self._waiting) > MAX_QUEUED_MESSAGES)
             if patient and not self._is_complete(head):
                 break

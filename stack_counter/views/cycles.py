@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from stack_counter.errors import ViewError
 from stack_counter.types import View
+from stack_counter.views.awake_clock import awake_time
 
 
 @dataclass(eq=False)
@@ -18,19 +18,19 @@ class Cycle:
     Attributes:
         stamp_ns: stamp of its first view, ns.
         views: its views by camera.
-        open_since: monotonic time at which it began, seconds.
+        open_since: time of `awake_time` at which it began, seconds.
     """
 
     stamp_ns: int
     views: dict[str, View] = field(default_factory=dict)
-    open_since: float = field(default_factory=time.monotonic)
+    open_since: float = field(default_factory=awake_time)
 
 
 class CycleGrouper:
     """Groups views into cycles and closes those that are over.
 
     A cycle is over when every camera has given its view, when a later cycle is, or when the
-    timeout has passed: live, on the wall's clock; in a recording, in the images' own time.
+    timeout has passed: live, while this process ran; in a recording, in the images' own time.
 
     Attributes:
         cameras: names of the rig's cameras.
@@ -43,7 +43,7 @@ class CycleGrouper:
             cameras: names of the rig's cameras.
             tolerance_s: largest difference of stamps within one cycle, seconds.
             timeout_s: time after which a cycle is over though cameras are missing, seconds.
-            live: the timeout is one of the wall's clock.
+            live: the timeout is one of the time that this process runs.
         """
         self.cameras = tuple(cameras)
         self._live = live
@@ -83,8 +83,8 @@ class CycleGrouper:
         return over
 
     def close_expired(self) -> list[Cycle]:
-        """Closes and returns the cycles whose time is up on the wall's clock."""
-        now = time.monotonic()
+        """Closes and returns the cycles whose time is up, live."""
+        now = awake_time()
         return self._close_where(lambda c: now - c.open_since > self._timeout_ns * 1e-9)
 
     def close_all(self) -> list[Cycle]:
