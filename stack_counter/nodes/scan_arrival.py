@@ -17,13 +17,14 @@ class ScanArrivalSettings:
     Attributes:
         tick_s: seconds between two ticks.
         stops: ticks, each with a stop announced by the collector and without an image, after which
-            the images are lost. The collector announces a stop every 2 s.
+            the images are lost. The collector announces a stop every 2 s, and the middleware
+            sends again what did not arrive every 3 s, both only while they run.
         silent_ticks: ticks in a row without image and stop after which the collector is gone:
             30 s; the middleware gives up a process that is silent for 20 s.
     """
 
     tick_s: float = 0.5
-    stops: int = 4
+    stops: int = 8
     silent_ticks: int = 60
 
 

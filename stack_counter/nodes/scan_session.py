@@ -41,7 +41,7 @@ class ScanSessionSettings:
     """
 
     announce_again_s: float = 2.0
-    lost_after_ticks: int = 20
+    lost_after_ticks: int = 50
     many_scans: int = 2
 
 

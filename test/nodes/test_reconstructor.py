@@ -42,7 +42,7 @@ class Collector:
         self._volumes = ros.collect_messages(StackVolume, f"{SPACE}/volume", LATCHED)
         # The collector announces an end until there is a result.
         self._stop = ScanStatus()
-        ros.node.create_timer(1.0, lambda: self._stop.scan_id and self._status.publish(self._stop))
+        ros.node.create_timer(0.6, lambda: self._stop.scan_id and self._status.publish(self._stop))
 
     def send(self, views, name):
         for view in views:

@@ -19,7 +19,7 @@ def wait(arrival, ticks, stop_every=TICKS_PER_STOP):
 
 
 def test_lost_images_are_given_up_after_stops_announced_again():
-    assert wait(ScanArrival(), 100) == (SETTINGS.stops - 1) * TICKS_PER_STOP + 1  # 6.5 s
+    assert wait(ScanArrival(), 100) == (SETTINGS.stops - 1) * TICKS_PER_STOP + 1  # 14.5 s
 
 
 def test_an_image_begins_the_wait_anew():
