@@ -16,7 +16,7 @@ import yaml
 from mcap_ros2.decoder import DecoderFactory
 
 from stack_counter.bag.mcap_file import McapFile, RawMessage
-from stack_counter.bag.scan_file import FACTS, finished_recordings
+from stack_counter.bag.scan_file import END_FACTS, FACTS, finished_recordings
 from stack_counter.errors import BagError
 
 
@@ -66,8 +66,8 @@ class BagReader:
                     types[channel.topic] = schema.name
                     counts[channel.topic] += count
         self.topics = {topic: (types[topic], counts[topic]) for topic in sorted(types)}
-        self.facts = {key: value for file in self._files
-                      for key, value in file.metadata.get(FACTS, {}).items()}
+        self.facts = {key: value for file in self._files for name in (FACTS, END_FACTS)
+                      for key, value in file.metadata.get(name, {}).items()}
 
     @property
     def overrun(self) -> set[tuple[str, int]]:

@@ -21,7 +21,8 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
-FACTS = "stack_counter"  # name of the mcap metadata that say what was recorded
+# Names of the mcap metadata that say what was recorded and, at its end, how it ended.
+FACTS, END_FACTS = "stack_counter", "stack_counter_end"
 _PART = ".part"
 _CUT = ".cut"
 # Names as `_file_name` makes them and no others: the bound on the disk deletes by this.
@@ -102,7 +103,10 @@ class Recording:
         self._file = open(self._part, "xb")
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+            # The library writes offsets of groups that are empty, which checkers of files
+            # call an error: leave those optional records out.
+            self._writer = Writer(self._file, compression=CompressionType.ZSTD,
+                                  use_summary_offsets=False)
             self._writer.start("ros2", "stack_counter")
             self._writer.add_metadata(FACTS, facts)
             self._file.flush()
@@ -160,7 +164,7 @@ class Recording:
             OSError: the disk is full or gone; then only `discard` is left to do.
         """
         self.flush()
-        self._writer.add_metadata(FACTS, facts)
+        self._writer.add_metadata(END_FACTS, facts)
         self._writer.finish()
         self._file.flush()
         # To the disk before it is renamed: a power cut leaves no empty file of a finished name.

@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 from kits.recorder_kit import FACTS, camera, noise, received, record, views_of
 from kits.recording_kit import FRAME, IMAGE, INFO, scan, tf_record
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from mcap.records import Metadata, SummaryOffset
+from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
@@ -49,6 +52,23 @@ def test_views_come_back_and_other_tools_read_the_file(tmp_path):
     assert BagReader(path).facts == {**FACTS, "ended": "stop_scan"}
     text = describe_bag(path, CollectorConfig())
     assert "recorded part: nut" in text and "6 usable of 6" in text and "problems" not in text
+
+
+@pytest.mark.parametrize("messages", [camera(), []], ids=["a scan", "no message"])
+def test_a_finished_file_passes_what_checkers_of_files_ask(tmp_path, messages):
+    recorder = Recorder(tmp_path, BIG, print)
+    record(recorder, messages)
+    recorder.close()
+    path, = tmp_path.iterdir()
+    with open(path, "rb") as file:
+        records = list(StreamReader(file, validate_crcs=True).records)
+    kinds = {type(record).__name__ for record in records}
+    # An offset of a group in the summary names a group that has records.
+    groups = [Opcode(r.group_opcode).name for r in records if isinstance(r, SummaryOffset)]
+    assert {group.title().replace("_", "") for group in groups} <= kinds
+    names = [r.name for r in records if isinstance(r, Metadata)]
+    assert names == ["stack_counter", "stack_counter_end"]  # each name once
+    assert BagReader(path).facts == {**FACTS, "ended": "stop_scan"}
 
 
 def test_a_part_file_can_be_read_up_to_its_last_image_wherever_it_is_cut(tmp_path):
