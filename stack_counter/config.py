@@ -212,6 +212,11 @@ def build_section(section: type[Section], values: dict[str, Any]) -> Section:
     return section(**checked)
 
 
+def setting_choices(section: type, name: str) -> tuple[str, ...]:
+    """The values that a setting of a node's section may take; empty where any will do."""
+    return {f.name: f for f in dataclasses.fields(section)}[name].metadata["choices"]
+
+
 def _check_value(setting: dataclasses.Field, value: Any) -> Any:
     default, meta = setting.default, setting.metadata
     if isinstance(default, tuple):
@@ -249,6 +254,9 @@ def load_config(path: Path) -> Config:
         ConfigError: not YAML, unknown node or setting, value out of range.
         FileNotFoundError: no such file.
     """
+    if not Path(path).exists() or Path(path).is_dir():
+        raise FileNotFoundError(f"no settings file '{path}'; expected a YAML file of ROS "
+                                "parameters such as config/stack_counter.yaml")
     try:
         document = yaml.safe_load(Path(path).read_text()) or {}
     except (yaml.YAMLError, UnicodeDecodeError) as error:

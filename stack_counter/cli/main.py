@@ -14,9 +14,9 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from stack_counter import __version__
 from stack_counter.cli.common import add_config_argument
@@ -32,7 +32,9 @@ from stack_counter.errors import (
     StackCounterError,
     WeightsError,
 )
+from stack_counter.eval.arguments import ADD_ARGUMENTS
 from stack_counter.files import config_path
+from stack_counter.train.arguments import add_arguments as add_train_arguments
 
 _USAGE, _NO_COUNT, _INTERRUPTED = 2, 3, 130
 _EVALUATIONS = {
@@ -83,25 +85,8 @@ def _report_error(error: Exception, code: int) -> int:
     return code
 
 
-class _LazyParser(argparse.ArgumentParser):
-    """Parser that can take its arguments from a module.
-
-    The module, which has `add_arguments` and `run`, is loaded only when its command is used: some
-    bring in libraries that take seconds.
-    """
-
-    module = ""
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        if self.module:
-            module, self.module = import_module(self.module), ""
-            module.add_arguments(self)
-            self.set_defaults(run=module.run)
-        return super().parse_known_args(args, namespace)
-
-
 def _make_parser() -> argparse.ArgumentParser:
-    parser = _LazyParser(prog="stack-counter", description=(
+    parser = argparse.ArgumentParser(prog="stack-counter", description=(
         "Counts identical parts stacked in a bin from a few posed views."))
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -112,20 +97,21 @@ def _make_parser() -> argparse.ArgumentParser:
     add_container(commands)
     add_part(commands)
     add_simulate(commands)
-    _add_lazy(commands, "train", "train the gamma-network on simulated scenes",
-              "stack_counter.train.gamma")
+    train = commands.add_parser("train", help="train the gamma-network on simulated scenes")
+    add_train_arguments(train)
+    train.set_defaults(run=partial(_run_module, "stack_counter.train.gamma"))
     evaluate = commands.add_parser("evaluate", help="measure errors on simulated scenes")
     kinds = evaluate.add_subparsers(required=True, metavar="KIND")
     for kind, text in _EVALUATIONS.items():
-        _add_lazy(kinds, kind, text, f"stack_counter.eval.{kind}")
+        evaluation = kinds.add_parser(kind, help=text)
+        ADD_ARGUMENTS[kind](evaluation)
+        evaluation.set_defaults(run=partial(_run_module, f"stack_counter.eval.{kind}"))
     return parser
 
 
-def _add_lazy(commands: argparse._SubParsersAction, name: str, text: str, module: str) -> None:
-    """Adds a command whose arguments and work are a module's."""
-    command = commands.add_parser(name, help=text)
-    assert isinstance(command, _LazyParser)  # sub-parsers are of their parent's class
-    command.module = module
+def _run_module(module: str, options: argparse.Namespace) -> int:
+    """Runs a command's module, loaded only now: its libraries take seconds."""
+    return import_module(module).run(options)
 
 
 def _add_run(commands: argparse._SubParsersAction) -> None:

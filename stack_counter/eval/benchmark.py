@@ -15,7 +15,6 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
@@ -31,7 +30,7 @@ from stack_counter.eval.common.published_rule import (
     removal_votes_by_loop,
     volume_by_rule,
 )
-from stack_counter.eval.common.sets import add_set_argument, read_filled_scenes
+from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, record
 from stack_counter.types import View
@@ -72,16 +71,6 @@ class BenchmarkRow:
     rule_s: float
     loop_s: float
     ours_s: float
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `evaluate benchmark`."""
-    add_set_argument(parser)
-    parser.add_argument("--scenes", type=int, default=10, metavar="N",
-                        help="spread over the set (default 10)")
-    parser.add_argument("--views", type=int, default=12, metavar="N", help="of each recording")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the recordings")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write all figures here")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -12,9 +12,7 @@ import numpy as np
 
 from stack_counter.eval.common import metrics
 from stack_counter.eval.common.case import Case
-from stack_counter.eval.common.cases import ROWS, add_arguments, group_cases, report_cases
-
-__all__ = ["add_arguments", "format_table", "run"]
+from stack_counter.eval.common.cases import ROWS, group_cases, report_cases
 
 
 def run(options: argparse.Namespace) -> int:

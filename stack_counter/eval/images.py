@@ -13,14 +13,13 @@ import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
-from stack_counter.eval.common.sets import add_set_argument, find_set_folder
+from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.pipeline import StackCounter
 from stack_counter.reconstruction import PictureReconstruction
 from stack_counter.sim import DepthCamera, Scene, read_scenes, record
@@ -66,15 +65,6 @@ class PictureErrors:
     reasons: tuple[Reason, ...]
     depth: DepthErrors | None
     errors: dict[str, float | None]
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `stack-counter evaluate images`."""
-    add_set_argument(parser)
-    parser.add_argument("--scenes", type=int, default=15, metavar="N", help="the first N")
-    parser.add_argument("--views", type=int, default=24, help="pictures of a recording")
-    parser.add_argument("--seed", type=int, default=0, help="of the recordings")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures here")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -23,7 +23,7 @@ from tqdm import tqdm
 from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.eval.common.sets import add_set_argument, find_set_folder
+from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, read_shard, record
 from stack_counter.types import CONTAINER, PARTS, View
@@ -31,19 +31,6 @@ from stack_counter.types import CONTAINER, PARTS, View
 # A user's boxes are too large by up to so many pixels on each side, and so many points on parts
 # are clicked; chosen.
 _LOOSE_PX, _POINTS = 8.0, 3
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `evaluate labels`."""
-    add_set_argument(parser)
-    parser.add_argument("--scenes", type=int, default=30, metavar="N", help="how many of them")
-    parser.add_argument("--seed", type=int, default=0, metavar="S",
-                        help="of the choice of scenes, the recordings and the prompts")
-    parser.add_argument("--views", type=int, default=8, help="of a recording (default 8)")
-    parser.add_argument("--depth", action=argparse.BooleanOptionalAction, default=True,
-                        help="views with depth; without, prompted only")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write the scenes' IoU here")
 
 
 def run(args: argparse.Namespace) -> int:

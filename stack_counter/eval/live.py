@@ -13,7 +13,6 @@ import argparse
 import json
 import time
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
@@ -22,7 +21,7 @@ from stack_counter.child_processes import worker_pool
 from stack_counter.config import CollectorConfig, CounterConfig, ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common import metrics
-from stack_counter.eval.common.sets import add_set_argument, read_filled_scenes
+from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.occupancy import make_estimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.pipeline import StackCounter
@@ -55,20 +54,6 @@ class LiveCount:
     low: int
     high: int
     seconds: float
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `evaluate live`."""
-    add_set_argument(parser)
-    parser.add_argument("--scenes", type=int, default=10, metavar="N", help="the first N")
-    parser.add_argument("--picks", type=int, default=20, metavar="K")
-    parser.add_argument("--share", type=float, default=0.0, metavar="S",
-                        help="take this share of the parts in K picks of several, not one each")
-    parser.add_argument("--camera", choices=list(_CAMERAS), default="static", help="a fixed one "
-                        "with its pose in /tf_static or in /tf, or an arm's that goes back and "
-                        "forth between two places (default: static)")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write every stamp here")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import json
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 from tqdm import tqdm
 from typing_extensions import override
@@ -46,22 +45,6 @@ from stack_counter.teaching import (
 from stack_counter.types import OccupancyEstimate, StackVolume
 
 _SEED = 0
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `evaluate parts`."""
-    parser.add_argument("--set", default="unseen-rigs", metavar="SET",
-                        help="unseen-rigs or a folder of scenes of `simulate --plan rig`")
-    parser.add_argument("--rigs", type=int, metavar="N", help="only the first N")
-    parser.add_argument("--piles", type=int, default=64, metavar="N", help="of `part add`")
-    parser.add_argument("--container", action="store_true",
-                        help="`part add` is told the kind and inner size of each rig's container")
-    parser.add_argument("--confidence", type=float, default=0.9, metavar="P")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
-    parser.add_argument("--cache", type=Path, default=Path("out/part-piles"), metavar="DIR",
-                        help="where simulated piles are kept: a run resumes"
-                             " (default out/part-piles)")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write every count here")
 
 
 def run(options: argparse.Namespace) -> int:

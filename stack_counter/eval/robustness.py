@@ -13,7 +13,6 @@ from collections import Counter
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
-from pathlib import Path
 
 from tqdm import tqdm
 
@@ -82,17 +81,6 @@ class Outcome:
     high: int | None
     status: str
     why: str
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `evaluate robustness`."""
-    parser.add_argument("--set", default="train-deep", metavar="SET",
-                        help="whose piles are built with, default train-deep")
-    parser.add_argument("--scenes", type=int, default=200, metavar="N", help="number of scans")
-    parser.add_argument("--only", type=int, metavar="NUMBER", help="this scan alone")
-    parser.add_argument("--seed", type=int, default=0, metavar="S")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write every scan here")
 
 
 def run(options: argparse.Namespace) -> int:

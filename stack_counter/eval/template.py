@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
@@ -60,15 +59,6 @@ class TemplateCheck:
     alike: bool
     error: float | None
     std: float
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `evaluate template`."""
-    parser.add_argument("--library", type=Path, default=Path("data/unseen/shapes.npz"),
-                        metavar="FILE", help="parts (default: the unseen ones)")
-    parser.add_argument("--pieces", type=int, default=6, metavar="K")
-    parser.add_argument("--views", type=int, default=12, metavar="N")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
 
 
 def run(options: argparse.Namespace) -> int:

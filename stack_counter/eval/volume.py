@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
@@ -17,7 +16,7 @@ from tqdm import tqdm
 from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
-from stack_counter.eval.common.sets import add_set_argument, read_filled_scenes
+from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import RECONSTRUCTED_KIND, Scene, record
 from stack_counter.types import View
@@ -51,20 +50,6 @@ class VolumeCase:
     kind_found: bool = False
     finish_s: float = np.nan
     refused: str = ""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `evaluate volume`."""
-    add_set_argument(parser)
-    parser.add_argument("--scenes", type=int, metavar="N", help="only the first N")
-    parser.add_argument("--views", type=int, default=12, metavar="N", help="of each recording")
-    parser.add_argument("--missing", type=float, default=0.0, metavar="SHARE",
-                        help="of the depth pixels, in patches")
-    parser.add_argument("--pose-mm", type=float, default=0.5, metavar="X", help="pose noise")
-    parser.add_argument("--pose-deg", type=float, default=0.05, metavar="X", help="pose noise")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the recordings")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
 
 
 def run(options: argparse.Namespace) -> int:

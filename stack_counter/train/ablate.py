@@ -20,8 +20,9 @@ import torch
 
 from stack_counter.child_processes import worker_pool
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
-from stack_counter.train.data.batches import assign_folds
-from stack_counter.train.gamma import add_arguments, load_data
+from stack_counter.train.arguments import add_arguments
+from stack_counter.train.data.batches import FOLDS, assign_folds
+from stack_counter.train.gamma import load_data
 from stack_counter.train.member import (
     TrainConfig,
     TrainingData,
@@ -109,7 +110,8 @@ def main() -> int:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     load_data(options)  # casts what is not cast yet, before the processes need it
-    jobs = [(options, name, number) for name in options.variants for number in options.folds]
+    jobs = [(options, name, number) for name in options.variants
+            for number in options.folds or range(FOLDS)]
     with worker_pool(options.workers) as pool:
         rows = list(pool.map(run_variant, jobs))
     (options.out / "ablation.json").write_text(json.dumps(rows, indent=1) + "\n")

@@ -17,9 +17,10 @@ import torch
 from stack_counter.occupancy.checkpoint import save_members
 from stack_counter.occupancy.direct_count import TYPICAL_COUNT, fit_to_tile, predict_count
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
+from stack_counter.train.arguments import add_arguments
 from stack_counter.train.data.batches import assign_folds
 from stack_counter.train.data.heights import Sample
-from stack_counter.train.gamma import add_arguments, load_data
+from stack_counter.train.gamma import load_data
 from stack_counter.train.member import TrainConfig, TrainingData, train_member
 
 _WIDTHS = (16, 32, 48, 64)

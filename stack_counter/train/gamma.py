@@ -23,28 +23,6 @@ from stack_counter.train.data.heights import Sample, load_samples
 from stack_counter.train.member import TrainConfig, TrainingData, train_member
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `train` to a command line."""
-    parser.add_argument("--data", type=Path, nargs="+", required=True, metavar="DIR",
-                        help="folders of simulated scenes; DIR:W draws them W times as often")
-    parser.add_argument("--scans", type=Path, nargs="+", default=[], metavar="DIR",
-                        help="truly fused scans of them (python -m stack_counter.train.scans)")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--cache", type=Path, default=Path("out/heights"), metavar="DIR",
-                        help="height maps are kept here")
-    parser.add_argument("--folds", type=int, nargs="+", default=list(range(FOLDS)), metavar="K",
-                        help="members to train; each leaves out the families of its fold")
-    parser.add_argument("--epochs", type=int, default=TrainConfig.epochs, metavar="N")
-    parser.add_argument("--scenes", type=int, metavar="N", help="only N of them, drawn at random")
-    parser.add_argument("--encoder", default="own", choices=("own", "dinov2"),
-                        help="dinov2: the paper's network, for comparison")
-    parser.add_argument("--encoder-weights", type=Path, metavar="DIR",
-                        help="your own folder of DINOv2 (config.json, safetensors)")
-    parser.add_argument("--seed", type=int, default=0, metavar="S")
-    parser.add_argument("--workers", type=int, default=2, metavar="W",
-                        help="members trained at a time, each on one core")
-
-
 def run(options: argparse.Namespace) -> int:
     """Trains members that are not finished; writes curves."""
     options.out.mkdir(parents=True, exist_ok=True)
@@ -53,7 +31,8 @@ def run(options: argparse.Namespace) -> int:
     (options.out / "families.json").write_text(json.dumps(data.families))
     # Each on one core: networks this small lose more by sharing two than they gain.
     with worker_pool(options.workers) as pool:
-        for job in [pool.submit(train_fold, options, number) for number in options.folds]:
+        for job in [pool.submit(train_fold, options, number)
+                    for number in options.folds or range(FOLDS)]:
             job.result()
     plot_curves(options.out)
     return 0
@@ -73,7 +52,7 @@ def train_fold(options: argparse.Namespace, number: int) -> None:
         chosen = random.permutation(np.flatnonzero(learnt))[:options.scenes]
         learnt = np.isin(np.arange(len(learnt)), chosen)
     # Train.
-    config = TrainConfig(epochs=options.epochs, seed=options.seed)
+    config = TrainConfig(epochs=options.epochs or TrainConfig.epochs, seed=options.seed)
     torch.manual_seed(options.seed)
     net = make_net(options.encoder, options.encoder_weights)
     train_member(net, data.select(learnt), data.select(fold_by_sample == number), config,

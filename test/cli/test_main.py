@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: what it offers, and its small commands."""
 
+import subprocess
+import sys
+from importlib.util import find_spec
+
 import pytest
 from kits.bags import bag
 from kits.command import run
 
 from stack_counter.cli import main
+from stack_counter.eval.arguments import ADD_ARGUMENTS
+from stack_counter.train.member import TrainConfig
 
 
 def test_info_and_import(tmp_path, capsys):
@@ -29,3 +35,38 @@ def test_arguments_of_a_module_are_loaded_with_its_command(capsys):
     with pytest.raises(SystemExit) as caught:
         main(["evaluate", "volume", "--help"])
     assert caught.value.code == 0 and "--scenes" in capsys.readouterr().out
+
+
+def test_help_loads_no_heavy_library():
+    """Building the parser, with the arguments of all commands, takes none of them."""
+    code = ("import sys\nfrom stack_counter.cli.main import _make_parser\n_make_parser()\n"
+            "print(*{'torch', 'open3d', 'matplotlib', 'rclpy', 'sapien'} & set(sys.modules))")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
+@pytest.mark.parametrize("kind", ADD_ARGUMENTS)
+def test_every_evaluation_has_arguments_and_a_module(capsys, kind):
+    with pytest.raises(SystemExit) as caught:
+        main(["evaluate", kind, "--help"])
+    assert caught.value.code == 0 and f"evaluate {kind}" in capsys.readouterr().out
+    assert find_spec(f"stack_counter.eval.{kind}")
+
+
+def test_the_epochs_that_help_names_are_those_of_training(capsys):
+    with pytest.raises(SystemExit):
+        main(["train", "--help"])
+    assert f"(default {TrainConfig.epochs})" in capsys.readouterr().out
+
+
+def test_help_lists_what_may_be_chosen(capsys):
+    with pytest.raises(SystemExit):
+        main(["replay", "--help"])
+    out = capsys.readouterr().out
+    assert all(name in out for name in ("network", "depth_corrected", "prior", "direct"))
+
+
+@pytest.mark.parametrize("command", [("run",), ("replay", "bag")])
+def test_a_settings_file_that_is_not_there_is_named(tmp_path, capsys, command):
+    code, _, err = run(capsys, *command, "--config", tmp_path / "nosuch")
+    assert code == 2 and err.startswith("stack-counter: no settings file") and "nosuch" in err

@@ -11,6 +11,7 @@ import pytest
 
 from stack_counter.errors import ConfigError
 from stack_counter.eval import benchmark
+from stack_counter.eval.arguments import ADD_ARGUMENTS
 from stack_counter.eval.common import cost
 from stack_counter.types import Intrinsics
 
@@ -23,7 +24,7 @@ def test_figures_of_a_scene_are_finite(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(cost, "SETTINGS", replace(
         cost.SETTINGS, rounds=1, long_views=4, long_camera=SMALL))
     parser = argparse.ArgumentParser()
-    benchmark.add_arguments(parser)
+    ADD_ARGUMENTS["benchmark"](parser)
     out = tmp_path / "out.json"
     assert benchmark.run(parser.parse_args(
         ["--set", str(DATA), "--scenes", "1", "--views", "4", "--json", str(out)])) == 0
@@ -40,6 +41,6 @@ def test_figures_of_a_scene_are_finite(tmp_path, monkeypatch, capsys):
                                        ["--set", str(DATA), "--views", "3"]])
 def test_what_cannot_be_measured_is_refused(arguments):
     parser = argparse.ArgumentParser()
-    benchmark.add_arguments(parser)
+    ADD_ARGUMENTS["benchmark"](parser)
     with pytest.raises(ConfigError):
         benchmark.run(parser.parse_args(arguments))

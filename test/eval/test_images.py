@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stack_counter.eval import images
+from stack_counter.eval.arguments import ADD_ARGUMENTS
 from stack_counter.eval.images import (
     DepthErrors,
     PictureErrors,
@@ -71,7 +72,7 @@ def test_the_command_writes_what_it_found(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(images, "record", lambda scene, *how, **more: [])
     monkeypatch.setattr(images, "evaluate_pictures", lambda scene, views: row(scene, 0.1, 1.0))
     parser = argparse.ArgumentParser()
-    images.add_arguments(parser)
+    ADD_ARGUMENTS["images"](parser)
     out = tmp_path / "out.json"
     options = ["--set", str(tmp_path), "--scenes", "2", "--json", str(out)]
     assert images.run(parser.parse_args(options)) == 0

@@ -9,8 +9,8 @@ import pytest
 from kits.painted import painted
 
 from stack_counter import geometry
+from stack_counter.eval.arguments import ADD_ARGUMENTS
 from stack_counter.eval.labels import (
-    add_arguments,
     choose_scenes,
     draw_user_prompts,
     format_summary,
@@ -65,7 +65,7 @@ def test_summary_and_arguments(tmp_path):
         == "IoU of parts mean 0.800, p10 0.580, worst 0.500, 3 scenes"
     )
     parser = argparse.ArgumentParser()
-    add_arguments(parser)
+    ADD_ARGUMENTS["labels"](parser)
     args = parser.parse_args(["--set", str(tmp_path), "--no-depth"])
     assert args.depth is False and args.json is None
     with pytest.raises(FileNotFoundError, match="no shard_"):

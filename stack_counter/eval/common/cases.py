@@ -20,7 +20,7 @@ from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common.case import Case, Guess
 from stack_counter.eval.common.plot import plot_complexity
-from stack_counter.eval.common.sets import add_set_argument, read_filled_scenes
+from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
 from stack_counter.sim import Scene, ideal_surface, reconstruct
@@ -31,21 +31,6 @@ ROWS = {"Mean": "prior", "DepthExtrapolated": "depth_extrapolated",
         "DepthCorrected": "depth_corrected", "direct count": "direct", "ours": "network"}
 # Bounds of the fill by which the tables group scenes; seed of the recordings. Chosen.
 _FILLS, _SEED = ((0.0, 0.25), (0.25, 0.6), (0.6, 9.0)), 0
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options that `evaluate gamma` and `evaluate count` share."""
-    add_set_argument(parser)
-    parser.add_argument("--scenes", type=int, metavar="N", help="only the first N")
-    parser.add_argument("--depth", choices=("ideal", "noisy"), default="noisy",
-                        help="noisy: recordings through the pipeline; ideal: true V and surface")
-    parser.add_argument("--views", type=int, default=12, metavar="N", help="of each recording")
-    parser.add_argument("--confidence", type=float, default=0.9, metavar="P")
-    parser.add_argument("--weights", type=Path, metavar="PATH", help="of the network")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
-    parser.add_argument("--plot", type=Path, metavar="PNG",
-                        help="draw gamma's error over the parts' complexity here")
 
 
 def report_cases(options: argparse.Namespace, title: str,

@@ -3,17 +3,10 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 from stack_counter.errors import ConfigError
 from stack_counter.sim import Scene, read_scenes
-
-
-def add_set_argument(parser: argparse.ArgumentParser) -> None:
-    """Adds `--set`, which names the scenes of an evaluation."""
-    parser.add_argument("--set", required=True, metavar="SET",
-                        help="unseen, unseen-mixed or a folder of simulated scenes")
 
 
 def find_set_folder(name: str) -> Path:
