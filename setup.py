@@ -104,7 +104,7 @@ if __name__ == "__main__":  # scripts/setup.sh imports the lists above
         author_email="maintainers@users.noreply.example.com",
         python_requires=">=3.10,<3.14",
         packages=find_packages(include=[NAME, f"{NAME}.*"]),
-        package_data={NAME: ["weights/*"]},
+        package_data={NAME: ["py.typed", "weights/*"]},
         data_files=[
             ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
             (f"share/{NAME}", ["package.xml"]),

@@ -29,15 +29,23 @@ ARGUMENTS = {
     "rig": ("file that names several cameras", ("collector",), str),
     "reliable": ("ask camera topics for reliable delivery: true or false", ("collector",), bool),
     "record_folder": ("folder that every scan is recorded to", ("collector",), str),
+    "part_catalogue": ("file of the known parts", ("collector", "counter"), str),
     "part": ("name of the part in the part file", ("collector", "counter"), str),
     "unit_volume_m3": ("volume of one part, m3", ("collector", "counter"), float),
     "live": ("volume and count after every view: true or false", ("reconstructor",), bool),
+    "segmenter": ("who labels the views: auto, geometric, labels, prompted, sam2",
+                  ("reconstructor",), str),
+    "prompts": ("file of what is marked in the first view", ("reconstructor",), str),
+    "report_folder": ("folder that write_report writes to", ("reconstructor",), str),
     "container": ("name of a taught container", ("reconstructor",), str),
     "confidence": ("probability that the interval holds the true count", ("counter",), float),
+    "expected_count": ("parts that every count is judged by", ("counter",), int),
+    "tolerance": ("largest deviation from it that passes, parts", ("counter",), int),
     "use_sim_time": ("time from /clock: true or false", NODES, bool),
     "autostart": ("configure and activate at start: true or false", NODES, bool),
 }
-PARSERS = {str: str, float: float, bool: lambda text: text.lower() in ("true", "1", "yes")}
+PARSERS = {str: str, int: int, float: float,
+           bool: lambda text: text.lower() in ("true", "1", "yes")}
 
 
 def make_nodes(context):

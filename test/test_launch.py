@@ -72,13 +72,14 @@ def test_three_processes_that_come_back(load):
 
 
 def test_what_is_given_is_a_parameter_of_its_type_and_nothing_else_is(load):
-    started = nodes(load("stack_counter"), part="nut", unit_volume_m3="2e-6", reliable="false",
-                    live="true", use_sim_time="true")
+    started = nodes(load("stack_counter"), part="nut", expected_count="180", prompts="p.yaml",
+                    unit_volume_m3="2e-6", reliable="false", live="true", use_sim_time="true")
     assert started["collector"].parameters[1] == {"part": "nut", "unit_volume_m3": 2e-6,
                                                   "reliable": False, "use_sim_time": True}
-    assert started["reconstructor"].parameters[1] == {"live": True, "use_sim_time": True}
+    assert started["reconstructor"].parameters[1] == {
+        "prompts": "p.yaml", "live": True, "use_sim_time": True}
     assert started["counter"].parameters[1] == {"part": "nut", "unit_volume_m3": 2e-6,
-                                                "use_sim_time": True}
+                                                "expected_count": 180, "use_sim_time": True}
 
 
 def test_every_argument_is_described_and_is_a_setting(load):

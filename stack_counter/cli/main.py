@@ -19,10 +19,10 @@ from importlib import import_module
 from pathlib import Path
 
 from stack_counter import __version__
-from stack_counter.cli.common import add_config_argument
 from stack_counter.cli.containers import add_container
 from stack_counter.cli.parts import add_part
 from stack_counter.cli.replay import add_replay
+from stack_counter.cli.run import add_run
 from stack_counter.cli.simulate import add_simulate
 from stack_counter.config import load_config
 from stack_counter.errors import (
@@ -91,7 +91,7 @@ def _make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     add_replay(commands)
-    _add_run(commands)
+    add_run(commands)
     _add_import(commands)
     _add_info(commands)
     add_container(commands)
@@ -114,12 +114,6 @@ def _run_module(module: str, options: argparse.Namespace) -> int:
     return import_module(module).run(options)
 
 
-def _add_run(commands: argparse._SubParsersAction) -> None:
-    run = commands.add_parser("run", help="start the three ROS 2 nodes and keep them running")
-    add_config_argument(run)
-    run.set_defaults(run=_run)
-
-
 def _add_import(commands: argparse._SubParsersAction) -> None:
     importer = commands.add_parser("import", help="nerfstudio folder to bag")
     importer.add_argument("scene", type=Path, help="folder with transforms.json")
@@ -131,14 +125,6 @@ def _add_info(commands: argparse._SubParsersAction) -> None:
     info = commands.add_parser("info", help="topics, frames, views and problems of a bag")
     info.add_argument("bag", type=Path)
     info.set_defaults(run=_info)
-
-
-def _run(options: argparse.Namespace) -> int:
-    path = options.config or config_path("stack_counter.yaml")
-    load_config(path)  # raises what is wrong with it, before anything starts
-    from stack_counter.ros.supervisor import supervise
-
-    return supervise(path)
 
 
 def _import(options: argparse.Namespace) -> int:

@@ -46,7 +46,7 @@ def add_replay(commands: argparse._SubParsersAction) -> None:
                         help="speed of the recording's clock; default: as fast as possible")
     replay.add_argument("--confidence", type=float, metavar="P", help="of the interval, e.g. 0.9")
     estimators = setting_choices(CounterConfig, "estimator")
-    replay.add_argument("--estimator", choices=estimators, metavar="NAME",
+    replay.add_argument("--estimator", metavar="NAME",
                         help=f"what estimates gamma: {', '.join(estimators)}")
     replay.add_argument("--weights", type=Path, metavar="PATH", help="its weights (safetensors)")
     replay.add_argument("--prompts", type=Path, metavar="FILE",

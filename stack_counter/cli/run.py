@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `stack-counter run`: the three nodes, with settings of a file and of the line."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from stack_counter.cli.common import add_config_argument
+from stack_counter.config import NAMESPACE, Config, load_config
+from stack_counter.errors import ConfigError
+from stack_counter.files import config_path
+
+_NODES = ("collector", "reconstructor", "counter")
+# Parameters that every node has beside its settings.
+_OF_EVERY_NODE = ("use_sim_time", "autostart")
+
+
+def add_run(commands: argparse._SubParsersAction) -> None:
+    """Adds `run` to the commands of the command line."""
+    run = commands.add_parser("run", help="start the three ROS 2 nodes and keep them running")
+    add_config_argument(run)
+    run.add_argument("--part", metavar="NAME", help="part of the catalogue, as part:=NAME")
+    run.add_argument("parameters", nargs="*", metavar="NAME:=VALUE",
+                     help="parameters on top of the file, as for launch: mode:=cycle")
+    run.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    path = options.config or config_path("stack_counter.yaml")
+    load_config(path)  # raises what is wrong with it, before anything starts
+    part = [f"part:={options.part}"] if options.part else []
+    given = parse_parameters([*options.parameters, *part])
+    with tempfile.TemporaryDirectory(prefix="stack_counter_") as folder:
+        if given:
+            path = write_parameters(path, given, Path(folder) / "parameters.yaml")
+        from stack_counter.ros.supervisor import supervise
+
+        return supervise(path)
+
+
+def parse_parameters(lines: list[str]) -> dict[str, Any]:
+    """The values of `NAME:=VALUE`, by name.
+
+    Raises:
+        ConfigError: not of that form, or no node has such a parameter.
+    """
+    given: dict[str, Any] = {}
+    for line in lines:
+        name, separator, text = line.partition(":=")
+        if not separator:
+            raise ConfigError(f"'{line}' is no parameter; expected NAME:=VALUE, as mode:=cycle")
+        if not _nodes_with(name):
+            raise ConfigError(f"unknown parameter '{name}' in '{line}'; expected one of "
+                              "config/stack_counter.yaml")
+        given[name] = _read_value(name, text)
+    return given
+
+
+def write_parameters(file: Path, given: dict[str, Any], out: Path) -> Path:
+    """Writes a ROS parameter file: that of `file`, with what is given for each node that has it.
+
+    Returns:
+        Path of the written file.
+
+    Raises:
+        ConfigError: a value that its node does not take.
+    """
+    read = yaml.safe_load(file.read_text()) or {}
+    settings = {str(node).removeprefix(NAMESPACE).strip("/"): body["ros__parameters"]
+                for node, body in read.items()}
+    for name, value in given.items():
+        for node in _nodes_with(name):
+            settings.setdefault(node, {})[name] = value
+    out.write_text(yaml.safe_dump({f"{NAMESPACE}/{node}": {"ros__parameters": values}
+                                   for node, values in settings.items()}, sort_keys=False))
+    load_config(out)
+    return out
+
+
+def _nodes_with(name: str) -> list[str]:
+    """Nodes that have a parameter of this name."""
+    return [node for node in _NODES
+            if name in _OF_EVERY_NODE or hasattr(getattr(Config(), node), name)]
+
+
+def _read_value(name: str, text: str) -> Any:
+    """The value of a parameter in its type; a text that is not of it stays text, to be refused."""
+    default = True if name in _OF_EVERY_NODE else getattr(
+        getattr(Config(), _nodes_with(name)[0]), name)
+    if isinstance(default, str):
+        return text
+    if isinstance(default, float):
+        try:
+            return float(text)
+        except ValueError:
+            return text
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError:
+        return text

@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the build farm asks of the message package, and what users of the packages' types do."""
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import stack_counter
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_the_message_package_has_what_a_release_needs():
+    package = ElementTree.parse(ROOT / "msg_defs" / "package.xml").getroot()
+    assert package.findtext("author") and package.findtext("license") == "Apache-2.0"
+    named = ROOT / "msg_defs" / package.find("license").attrib["file"]
+    assert named.read_bytes() == (ROOT / "LICENSE").read_bytes()
+    versions = {package.findtext("version"),
+                ElementTree.parse(ROOT / "package.xml").getroot().findtext("version")}
+    assert versions == {stack_counter.__version__}
+    changelog = (ROOT / "msg_defs" / "CHANGELOG.rst").read_text()
+    assert re.search(r"^Forthcoming\n-+\n\* ", changelog, re.MULTILINE)
+
+
+def test_the_package_says_that_it_is_typed():
+    assert (Path(stack_counter.__file__).parent / "py.typed").is_file()
