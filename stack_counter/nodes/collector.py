@@ -20,6 +20,7 @@ from stack_counter.errors import ConfigError, PartError, ScanError
 from stack_counter.nodes import scan_events
 from stack_counter.nodes.camera_topics import CameraTopics
 from stack_counter.nodes.requested_part import RequestedPart
+from stack_counter.nodes.scan_lines import forgotten_line, opened_line
 from stack_counter.nodes.scan_modes import make_session
 from stack_counter.nodes.scan_queue import QueuedScan
 from stack_counter.nodes.scan_recording import ScanRecording
@@ -104,8 +105,12 @@ class Collector(ManagedNode[CollectorConfig]):
             match event:
                 case scan_events.ScanOpened(scan):
                     self._recording.start(scan)
-                case scan_events.ScanClosed():
+                    if self._config.mode != "cycle":
+                        self.get_logger().info(opened_line(scan))
+                case scan_events.ScanClosed(scan):
                     self._recording.stop("stop_scan")
+                    if self._config.mode == "cycle":  # only now it is a scan with an id
+                        self.get_logger().info(opened_line(scan))
                 case scan_events.ViewReady(scan, camera, view):
                     self._posed_images.publish(to_posed_image(
                         view, self._config.world_frame, scan.scan_id, scan.part,
@@ -172,6 +177,8 @@ class Collector(ManagedNode[CollectorConfig]):
         return response
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if lost := forgotten_line(self._session.queue):
+            self.get_logger().warning(lost)
         self._session = make_session(self._config.mode, self._rig, self._assembler,
                                      self._part.look_up)
         self._recording.stop("reset")

@@ -28,6 +28,7 @@ class CountAction:
         """Offers the action and the services of a node that is being set up."""
         self._node, self.config = node, config
         self._job: CountJob | None = None
+        self._cancelled_scan: str | None = None  # of the last job, if it was cancelled
         self._last = GetCount.Response(message="nothing was counted yet")
         self.rejected = ""  # why the last request was rejected
         group = ReentrantCallbackGroup()
@@ -61,9 +62,28 @@ class CountAction:
 
     def requested_confidence(self, scan_id: str) -> float:
         """Returns the confidence that a scan's interval needs: its job's, else the setting."""
-        job = self._job
-        requested = job.request.confidence if job and job.scan_id in ("", scan_id) else 0.0
-        return requested or self.config.confidence
+        request = self._request_of(scan_id)
+        return request.confidence if request and request.confidence else self.config.confidence
+
+    def requested_part(self, scan_id: str) -> tuple[str, float]:
+        """Returns part and unit volume, m3, of a scan that names none: its job's, or the node's.
+
+        A scan without any view cannot name its part.
+        """
+        request = self._request_of(scan_id)
+        if request and (request.part or request.unit_volume):
+            return request.part, request.unit_volume
+        return self.config.part, self.config.unit_volume_m3
+
+    def _request_of(self, scan_id: str) -> Request | None:
+        """Returns what was asked for by the job of a scan; None if no job has it."""
+        return self._job.request if self._job and self._job.scan_id in ("", scan_id) else None
+
+    def is_cancelled(self, scan_id: str) -> bool:
+        """Whether a scan is that of the job that was cancelled last."""
+        job_scan = self._job.scan_id if self._job and self._job.is_cancelled \
+            else self._cancelled_scan
+        return bool(scan_id) and job_scan == scan_id
 
     def on_count(self, count: StackCount) -> None:
         """Passes what the counter has counted to the job that runs."""
@@ -165,8 +185,11 @@ class CountAction:
             answer.message = outcome.message
             if outcome.count is not None:
                 answer.count, answer.success = outcome.count, True
+            elif job.is_cancelled:
+                self._node.get_logger().info(f"count_stack: scan '{job.scan_id or ''}' cancelled")
             else:
                 self._node.get_logger().error(f"count_stack: {answer.message}")
             return answer
         finally:
+            self._cancelled_scan = job.scan_id if job.is_cancelled else None
             self._job, self._last = None, answer

@@ -60,6 +60,12 @@ class CountJob:
     final_count: Future = field(default_factory=Future)
     feedback: CountStack.Feedback = field(default_factory=CountStack.Feedback)
     running_count: StackCount = field(default_factory=StackCount)
+    _published: str = ""  # the feedback that was published last
+
+    @property
+    def is_cancelled(self) -> bool:
+        """Whether it was ended by a cancel."""
+        return self.scan_end.done() and self.scan_end.result() == "cancelled"
 
     def finish(self, cause: str) -> None:
         """Ends the scan, if it has not ended."""
@@ -80,7 +86,7 @@ class CountJob:
             self.running_count, feedback = count, self.feedback
             feedback.count, feedback.stack_volume = count.count, count.stack_volume
             feedback.count_low, feedback.count_high = count.count_low, count.count_high
-            self.publish_feedback(feedback)
+            self._publish_changed_feedback()
 
     def on_status(self, status: ScanStatus) -> None:
         """Sends feedback, and ends the scan once enough views are in."""
@@ -90,9 +96,16 @@ class CountJob:
         feedback.coverage, feedback.stack_volume = status.coverage, status.stack_volume
         views.received, views.used = status.received, status.processed
         views.skip_reasons, views.skip_counts = status.skip_reasons, status.skip_counts
-        self.publish_feedback(feedback)
+        self._publish_changed_feedback()
         if self.request.max_views and status.processed >= self.request.max_views:
             self.finish("views")
+
+    def _publish_changed_feedback(self) -> None:
+        """Publishes the feedback unless it says what the last one did: a report may repeat."""
+        content = repr(self.feedback)  # a volume that is not known yet, NaN, is as it was
+        if content != self._published:
+            self._published = content
+            self.publish_feedback(self.feedback)
 
 
 @dataclass(frozen=True, eq=False)

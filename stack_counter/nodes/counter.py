@@ -105,7 +105,9 @@ class CounterNode(ManagedNode[CounterConfig]):
     def _log_count(self, count: StackCount) -> None:
         """Logs an error, or the count of a scan that has ended with a sentence for each reason."""
         logger, line = self.get_logger(), f"scan '{count.scan_id}': {_region_prefix(count)}"
-        if count.error:
+        if count.error and self._action.is_cancelled(count.scan_id):
+            logger.info(f"{line}{count.error}; it was cancelled")
+        elif count.error:
             logger.error(line + count.error)
         elif count.final and count.status == StackCount.STATUS_DEGRADED:
             logger.warning(line + _describe_count(count))
@@ -114,18 +116,19 @@ class CounterNode(ManagedNode[CounterConfig]):
 
     def _count_volume(self, message: StackVolume) -> StackCount:
         """Returns the count of a volume, or the error that there is instead."""
-        if message.error:
-            return failed_count(message.error, message)
-        part, unit_volume = message.part, message.unit_volume
-        if not part and not unit_volume:
-            part, unit_volume = self._config.part, self._config.unit_volume_m3
+        if not message.part and not message.unit_volume:
+            message.part, message.unit_volume = self._action.requested_part(message.scan_id)
         try:
             # Read the catalogue again: it may have changed since the last count.
-            known_part = resolve_part(part, unit_volume, self._config.part_catalogue)
+            known_part = resolve_part(message.part, message.unit_volume,
+                                      self._config.part_catalogue)
+            message.unit_volume = known_part.unit_volume
+            if message.error:
+                return failed_count(message.error, message)
             result = count_stack(from_stack_volume(message), known_part, self._estimator,
                                  self._action.requested_confidence(message.scan_id))
         except StackCounterError as error:
-            return failed_count(str(error), message)
+            return failed_count(message.error or str(error), message)
         return to_stack_count(result, message)
 
     @property
@@ -170,10 +173,11 @@ def _count_values(count: StackCount) -> dict[str, object]:
 
 
 def _describe_count(count: StackCount) -> str:
-    """Returns the count in words: number, interval, and slug and sentence of each reason."""
+    """Returns the count in words: number, interval, status, and each reason's slug, sentence."""
     reasons = [f"{reason}: {reason.sentence}" for reason in from_reasons(count.reasons)]
+    status = "degraded" if count.status == StackCount.STATUS_DEGRADED else "ok"
     return " ".join([f"{count.count} parts, {count.confidence:.0%} sure between "
-                     f"{count.count_low} and {count.count_high}.", *reasons])
+                     f"{count.count_low} and {count.count_high}; {status}.", *reasons])
 
 
 def main() -> None:

@@ -19,6 +19,7 @@ from stack_counter.nodes.display import Display
 from stack_counter.nodes.report_service import ReportService
 from stack_counter.nodes.scan_arrival import SETTINGS as ARRIVAL
 from stack_counter.nodes.scan_arrival import ScanArrival
+from stack_counter.nodes.scan_lines import views_line
 from stack_counter.region_counters import RegionCounters, RegionVolume
 from stack_counter.ros.conversions import from_posed_image, from_skips, to_stack_volume, to_tally
 from stack_counter.ros.diagnostics import WARN, Rate
@@ -137,6 +138,8 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
                                   throttle_duration_sec=TIMES.log_period_s)
 
     def _start_scan(self, message: PosedImage) -> None:
+        if self._scan is not None and self._scan.scan_id != message.scan_id:
+            self._log_lost(f"scan '{message.scan_id}' came before its end")
         self._scan, self._arrival = message, ScanArrival()
         self._published_at, self._running_volume = time.monotonic(), math.nan
         if self._stopped is not None and self._stopped.scan_id != message.scan_id:
@@ -180,10 +183,17 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
             return
         self._publish_volumes(final=True)
         self._finished_scan = self._scan.scan_id if self._scan else ""
+        self.get_logger().info(views_line(self._finished_scan,
+                                          self._scan_tally(self._stack.tally)))
         self._publish_status(ScanStatus.STOPPED)
         self._stopped = self._scan = None  # the next image starts a scan, whatever its id
 
+    def _log_lost(self, why: str) -> None:
+        if self._scan is not None:
+            self.get_logger().warning(f"scan '{self._scan.scan_id}' lost: {why}")
+
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._log_lost("reset_reconstruction was called")
         self._scan, self._stopped = None, None
         self._stack.start()
         self._status.publish(ScanStatus(node="reconstructor", state=ScanStatus.IDLE))

@@ -14,6 +14,7 @@ from std_msgs.msg import Header
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
+_START_TIME = 19  # its place in /proc/self/stat behind the name of the process
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,13 @@ def memory_mb() -> float:
     """Returns the resident memory of this process, MB."""
     with open("/proc/self/statm", encoding="ascii") as file:
         return int(file.read().split()[1]) * _PAGE_BYTES / 1e6
+
+
+def process_age_s() -> float:
+    """Returns the time since this process was started, imports included, seconds."""
+    with open("/proc/self/stat", encoding="ascii", errors="replace") as file:
+        ticks = int(file.read().rpartition(")")[2].split()[_START_TIME])
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
 
 
 def summarize(lines: Iterable[tuple[bytes, str]]) -> tuple[bytes, str]:

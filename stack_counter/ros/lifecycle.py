@@ -30,7 +30,7 @@ from stack_counter.child_processes import end_with_parent
 from stack_counter.config import NAMESPACE, Section, build_section
 from stack_counter.errors import StackCounterError
 from stack_counter.named_region import REGIONS, nest
-from stack_counter.ros.diagnostics import ERROR, OK, memory_mb, summarize, to_array
+from stack_counter.ros.diagnostics import ERROR, OK, memory_mb, process_age_s, summarize, to_array
 from stack_counter.ros.qos import DIAGNOSTICS
 
 _DIAGNOSTICS_PERIOD_S = 1.0
@@ -114,6 +114,7 @@ class ManagedNode(LifecycleNode, Generic[Section]):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lets callbacks process messages from now on."""
         self.active = True
+        self.get_logger().info(f"ready {process_age_s():.1f} s after the start of its process")
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -169,11 +170,16 @@ class ManagedNode(LifecycleNode, Generic[Section]):
                 "it up first"))
         # Check all settings together, then take them over.
         try:
-            config = build_section(self._section, nest({**self._parameter_values(), **changes}))
+            before = self._parameter_values()
+            config = build_section(self._section, nest({**before, **changes}))
             if self._configured and changes:
                 self.apply_runtime_config(config)
         except StackCounterError as error:
             return SetParametersResult(successful=False, reason=str(error))
+        for name in changes.keys() & before.keys():
+            if changes[name] != before[name]:
+                self.get_logger().info(f"parameter {name} changed from {before[name]!r} to "
+                                       f"{changes[name]!r}")
         return SetParametersResult(successful=True)
 
     # --- diagnostics --------------------------------------------------------------------------

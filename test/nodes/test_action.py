@@ -72,6 +72,7 @@ def test_scan_with_verdict_then_rejection_and_cancel(ros, cell):
     assert answer.count.verdict == StackCount.VERDICT_FAIL  # 5000 is not in the bin
     assert answer.count.views.used == 12
     assert feedback and feedback[-1].views.used >= 11
+    assert all(repr(one) != repr(next_one) for one, next_one in zip(feedback, feedback[1:]))
 
     cancelled = ros.call_in_executor(lambda: client.send_goal_async(goal()))
     ros.wait(cancelled.done, "the goal's acceptance")
@@ -88,6 +89,8 @@ def test_scan_with_verdict_then_rejection_and_cancel(ros, cell):
     ros.wait(end.done, "the timeout")
     assert not end.result().result.success and "0 views" in end.result().result.message
     assert end.result().status == GoalStatus.STATUS_ABORTED
+    said = [line for line in ros.log("counter").splitlines() if "[ERROR]" in line]
+    assert len(said) == 2 and all("0 views" in line for line in said), "a cancel is no error"
 
 
 def test_the_same_by_services_and_what_a_goal_is_refused_for(ros, cell):

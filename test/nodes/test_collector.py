@@ -5,6 +5,7 @@ from kits.harness import Camera
 from rclpy.qos import QoSProfile
 from stack_counter_msgs.msg import PosedImage, ScanStatus
 from stack_counter_msgs.srv import StartScan, StopScan
+from std_srvs.srv import Trigger
 
 from stack_counter.parts.catalogue import Part, save_part
 from stack_counter.types import Intrinsics
@@ -36,6 +37,9 @@ def test_poses_are_interpolated_and_skips_are_counted(ros):
     stopped = ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request())
     assert (stopped.accepted, stopped.published) == (True, 2)
     assert not ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request()).accepted
+    assert ros.log("collector").count("scan 'a' opened: part 'nut'\n") == 1
+    ros.call(Trigger, f"{SPACE}/reset", Trigger.Request())
+    assert "scan 'a' lost: reset was called\n" in ros.log("collector")
 
 
 def test_no_image_is_lost_at_1280x720(ros):

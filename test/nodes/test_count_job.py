@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What ends a count that was asked for."""
 
+import math
+
 from stack_counter_msgs.action import CountStack
-from stack_counter_msgs.msg import StackCount
+from stack_counter_msgs.msg import ScanStatus, StackCount
 
 from stack_counter.nodes.count_job import CountJob
 
@@ -21,3 +23,26 @@ def test_the_count_of_one_of_several_regions_is_never_its_answer():
     job.on_count(StackCount(scan_id="a", region="left", count=4, final=True))
     assert job.scan_end.result() == "regions" and not job.final_count.done()
     assert job.running_count.count == 0
+
+
+def test_feedback_is_sent_only_when_it_says_something_new():
+    sent = []
+    job = CountJob(CountStack.Goal(), lambda feedback: sent.append(feedback.views.used), "a")
+    for used in (0, 0, 1, 1, 1, 2):  # the reconstructor repeats what it has, its volume unknown
+        job.on_status(ScanStatus(node="reconstructor", scan_id="a", processed=used,
+                                 stack_volume=math.nan))
+    assert sent == [0, 1, 2]
+    for number in (7, 7, 8):
+        job.on_count(StackCount(scan_id="a", count=number))
+    assert len(sent) == 5
+
+
+def test_a_cancel_is_told_from_other_ends():
+    job = CountJob(CountStack.Goal())
+    assert not job.is_cancelled
+    job.finish("timeout")
+    job.finish("cancelled")
+    assert not job.is_cancelled
+    other = CountJob(CountStack.Goal())
+    other.finish("cancelled")
+    assert other.is_cancelled

@@ -8,6 +8,8 @@ import sys
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from kits.harness import LATCHED, PATIENCE_S
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from stack_counter_msgs.msg import Container, StackCount, StackVolume
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
@@ -65,7 +67,9 @@ def test_refusals_are_said_and_the_next_scan_counts(counter):
     assert unknown.status == StackCount.STATUS_ERROR
     assert "no_such_part" in unknown.error and "expected one of" in unknown.error
     assert "unit volume" in counter(scan_id="c", stack_volume=1e-3).error
-    assert counter(scan_id="d", error="2 views used").error == "2 views used"
+    few = counter(scan_id="d", error="2 views used", part="demo_nut")
+    assert few.error == "2 views used"
+    assert (few.part, few.unit_volume) == ("demo_nut", pytest.approx(6.00488e-6))
     assert counter(scan_id="e", unit_volume=1e-6, stack_volume=0.0).count == 0
 
 
@@ -101,7 +105,19 @@ def test_reasons_are_sentences_for_people_and_slugs_for_machines(ros, counter):
     ros.wait(lambda: last_status() and sentence in last_status().message, "the sentence")
     values = {value.key: value.value for value in last_status().values}
     assert "no_depth" in values["reasons"].split(", ")
-    assert f"scan 'h': {count.count} parts" in ros.log("counter")
+    assert (f"scan 'h': {count.count} parts, 90% sure between {count.count_low} and "
+            f"{count.count_high}; degraded. ") in ros.log("counter")
     assert sentence in ros.log("counter")
     ros.wait(lambda: shown and Reason.NO_DEPTH.sentence in
              shown[-1].markers[0].text.replace("\n", " "), "the sentence beside the stack")
+
+
+def test_a_count_names_the_nodes_own_part_where_the_scan_names_none(ros, counter):
+    own = Parameter("part", value="demo_nut").to_parameter_msg()
+    assert ros.call(SetParameters, f"{SPACE}/counter/set_parameters",
+                    SetParameters.Request(parameters=[own])).results[0].successful
+    assert "parameter part changed from '' to 'demo_nut'\n" in ros.log("counter")
+    failed = counter(scan_id="i", error="0 views used")
+    assert failed.status == StackCount.STATUS_ERROR
+    assert (failed.part, failed.unit_volume) == ("demo_nut", pytest.approx(6.00488e-6))
+    assert counter(scan_id="j", stack_volume=1e-3).part == "demo_nut"

@@ -105,7 +105,7 @@ def test_a_report_is_written_on_request_below_the_configured_folder(ros, reconst
     assert {"surface.png", "top_surface.png"} <= {p.name for p in made.iterdir()}
 
 
-def test_volume_of_a_box_is_right_and_the_next_scan_starts_anew(reconstructor):
+def test_volume_of_a_box_is_right_and_the_next_scan_starts_anew(ros, reconstructor):
     box = Scene().box([0.02, 0.01, 0.03], [0.2, 0.15, 0.06], 0.3)
     first = reconstructor(box.views(6), "one")
     assert first.final and not first.error
@@ -113,6 +113,8 @@ def test_volume_of_a_box_is_right_and_the_next_scan_starts_anew(reconstructor):
     assert (first.views.received, first.views.used) == (7, 6)
     assert list(first.views.skip_reasons) == ["blurred"]
     assert first.header.frame_id == "base_link" and first.header.stamp.sec == 5
+    line = "scan 'one': 6 views used of 7; skipped: 1 blurred\n"
+    ros.wait(lambda: ros.log("reconstructor").count(line) == 1, "a line about the views")
     low = Scene().box([0, 0, 0.015], [0.2, 0.15, 0.03])
     second = reconstructor(low.views(6), "one")  # a name used twice is no reason to add up
     assert second.stack_volume == pytest.approx(0.2 * 0.15 * 0.03, rel=0.04)

@@ -2,6 +2,7 @@
 """What all nodes share: how they end."""
 
 import os
+import re
 import subprocess
 import sys
 
@@ -43,7 +44,9 @@ def run_late(ends):
 def test_a_node_ends_cleanly_though_it_has_just_something_to_say():
     done = run_late(ends=True)
     assert done.stdout == "worked\n"
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0
+    assert re.fullmatch(r"\[INFO\] .*: ready \d+\.\d s after the start of its process\n",
+                        done.stderr)
 
 
 def test_a_fault_of_ours_is_not_taken_for_an_end():
@@ -94,3 +97,6 @@ def test_regions_are_parameters_of_the_names_in_the_settings_file(tmp_path):
         "regions.left.size_m is read on configure; expected an unconfigured node: clean it up "
         "first", "True", "regions.left.size_m is [0.5, 0.0, 0.5]; expected three numbers above 0",
         "left 0.1 0.2 0.3 0.5 0.5 0.5", "5 True"], done.stderr
+    said = [line for line in done.stderr.splitlines() if "changed from" in line]
+    assert len(said) == 1, "the one change that was not refused"
+    assert "parameter regions.left.size_m changed from" in said[0]
