@@ -119,8 +119,8 @@ class Collector(ManagedNode[CollectorConfig]):
                     self._recording.note_overrun(view)
                 case scan_events.ScanSent(scan):
                     self._publish_status(ScanStatus.STOPPED, scan)
-                case scan_events.ViewsDecided():
-                    self._publish_status(ScanStatus.SCANNING, self._session.scan)
+                case scan_events.ViewsDecided(scan):
+                    self._publish_status(ScanStatus.SCANNING, scan)
                 case scan_events.Problem(text, repeated=True):
                     self.get_logger().warning(text, throttle_duration_sec=5.0)
                 case scan_events.Problem(text):

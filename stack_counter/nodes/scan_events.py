@@ -48,7 +48,14 @@ class ScanSent:
 
 @dataclass(frozen=True)
 class ViewsDecided:
-    """Images were accepted or skipped: publish the scan's progress."""
+    """Images were accepted or skipped: publish the progress.
+
+    Attributes:
+        scan: the scan that is open; None between scans, and of a cycle that has no id yet. The id
+            of a closed scan would say that another one of the same name has begun.
+    """
+
+    scan: QueuedScan | None
 
 
 @dataclass(frozen=True)

@@ -168,7 +168,7 @@ class ScanSession(ABC):
             return []
         before = self._source.tally
         events = self._add_and_send(self._source.poll())
-        return [*events, ViewsDecided()] if self._source.tally != before else events
+        return [*events, self._views_decided()] if self._source.tally != before else events
 
     def on_timer(self, message_since_tick: bool) -> list[ScanEvent]:
         """Gives up cycles that have waited too long, and announces an end again.
@@ -238,7 +238,7 @@ class ScanSession(ABC):
         self.scan, self.accepting_images = scan, True
         if scan is not None:
             self.queue.enqueue(scan)
-        return [ScanOpened(recorded_as), ViewsDecided()]
+        return [ScanOpened(recorded_as), self._views_decided()]
 
     def close_scan(self, scan: QueuedScan) -> list[ScanEvent]:
         """Ends a scan; the reconstructor is told when it is this scan's turn."""
@@ -263,6 +263,10 @@ class ScanSession(ABC):
         """Takes views into their scans and sends what is due."""
         events = [event for camera, view in views for event in self.add_view(camera, view)]
         return events + self.send_due()
+
+    def _views_decided(self) -> ViewsDecided:
+        """Returns the event that publishes the progress of the open scan."""
+        return ViewsDecided(None if self.scan is None or self.scan.closed else self.scan)
 
     def _announce_end(self, scan: QueuedScan) -> ScanSent:
         """Announces how many views there are; the reconstructor may not have heard before."""

@@ -75,7 +75,7 @@ class Supervisor(Node):
         if message.state == ScanStatus.IDLE:
             if message.node == "collector":
                 self._close_scan()
-        elif message.node == "collector" or message.scan_id != self._closed_scan:
+        elif message.scan_id and (message.scan_id != self._closed_scan or _is_open(message)):
             # The collector reports a scan once, perhaps before this node has subscribed; the
             # reconstructor reports it with every view.
             self._open_scan = message.scan_id
@@ -155,3 +155,8 @@ def supervise(parameters: Path) -> int:
         node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _is_open(message: ScanStatus) -> bool:
+    """Returns whether the collector takes images into the scan of this message."""
+    return message.node == "collector" and message.state == ScanStatus.SCANNING

@@ -51,11 +51,12 @@ def main() -> int:
     """Replays; returns 0 if every cycle of every run was counted from all its cameras."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first run")
     parser.add_argument("--longest-s", type=float, default=6.0, help="of one standstill, s")
     options = parser.parse_args()
     expected = [None, None, ["back"], None, None]  # one camera is dead in the third cycle
     whole = 0
-    for number in range(options.runs):
+    for number in range(options.first, options.first + options.runs):
         with tempfile.TemporaryDirectory() as folder:
             out, begin = Path(folder) / "result.json", time.monotonic()
             process = replay(out, options.longest_s, number)

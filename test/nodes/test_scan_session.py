@@ -121,9 +121,8 @@ def test_skipped_images_are_told_of_and_belong_to_their_own_scan():
     bench = Bench("scan")
     bench.session.start("a")
     bench.source.put("left", 1, "no_tf")
-    assert (
-        bench.session.collect_views() == [ViewsDecided()] and bench.session.collect_views() == []
-    )
+    assert bench.session.collect_views() == [ViewsDecided(bench.session.scan)]
+    assert bench.session.collect_views() == []
     bench.session.stop()
     assert bench.session.last_closed.tally == ViewTally(1, 0, {"no_tf": 1})
     bench.session.start("b")
@@ -211,6 +210,15 @@ def test_a_cycle_is_a_scan_once_all_cameras_gave_a_view():
     closed = bench.session.last_closed
     assert (closed.scan_id, closed.missing, closed.views) == ("cycle_1000000000", (), 2)
     assert closed.tally == ViewTally(2, 2, {}) and bench.session.open_scan_id == ""
+
+
+def test_progress_between_two_cycles_names_neither():
+    """The id of the one before would say that it begins anew; its end, repeated, then ends it."""
+    bench = Bench("cycle")
+    bench.session.start_by_itself()
+    bench.give(1)
+    assert bench.give(1.004, camera="right")[-1] == ViewsDecided(None)
+    assert bench.give(2)[-1] == ViewsDecided(None)
 
 
 def test_a_camera_that_gives_nothing_is_named_when_the_wait_is_over(monkeypatch):
