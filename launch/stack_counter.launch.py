@@ -20,7 +20,7 @@ NODES = ("collector", "reconstructor", "counter")
 # Argument -> its description, the nodes whose parameter it is, and its type.
 ARGUMENTS = {
     "color_topic": ("colour images, without /compressed", ("collector",), str),
-    "color_transport": ("how colour images come: raw or compressed", ("collector",), str),
+    "color_transport": ("how colour images come: auto, raw or compressed", ("collector",), str),
     "depth_topic": ("depth aligned to colour", ("collector",), str),
     "camera_info_topic": ("calibration of all images", ("collector",), str),
     "labels_topic": ("mono8 label images aligned to colour", ("collector",), str),

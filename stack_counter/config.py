@@ -46,7 +46,9 @@ class CollectorConfig:
     rig: str = _setting("", "file that names several cameras; empty: one, as described below")
     world_frame: str = _setting("base_link", "frame of the poses, z up")
     color_topic: str = _setting("/camera/color/image_raw", "colour images, without /compressed")
-    color_transport: str = _setting("raw", "how colour images come", choices=("raw", "compressed"))
+    color_transport: str = _setting(
+        "auto", "how colour images come; auto: as they are published, raw where both are",
+        choices=("auto", "raw", "compressed"))
     camera_info_topic: str = _setting("/camera/color/camera_info", "calibration of all images")
     depth_topic: str = _setting("/camera/aligned_depth_to_color/image_raw",
                                 "depth images; empty: none")

@@ -12,6 +12,13 @@ from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
 from stack_counter.types import View
+from stack_counter.views.color_transport import (
+    AUTO,
+    COMPRESSED,
+    RAW,
+    published_transports,
+    transport_topic,
+)
 from stack_counter.views.depth_stream import depth_camera_info_topic
 from stack_counter.views.rig import Rig, load_rig
 from stack_counter.views.rig_assembler import RigAssembler
@@ -69,21 +76,27 @@ def fit_camera_to_bag(config: CollectorConfig, topics: dict[str, tuple[str, int]
     Raises:
         BagError: the bag has no colour images of the camera.
     """
-    compressed = f"{config.color_topic}/compressed"
+    compressed = transport_topic(config.color_topic, COMPRESSED)
     if compressed not in topics and config.color_topic not in topics:
         raise BagError(f"no images on {config.color_topic} or {compressed}; the bag has "
                        f"{', '.join(topics) or 'no topics'}")
     labels = config.labels_topic or LABELS_TOPIC
     info = depth_camera_info_topic(config)
     return replace(
-        config, color_transport="raw" if config.color_topic in topics else "compressed",
+        config, color_transport=_recorded_transport(config, topics),
         depth_topic=config.depth_topic if config.depth_topic in topics else "",
         depth_camera_info_topic=info if info in topics else config.depth_camera_info_topic,
         labels_topic=labels if labels in topics else "", record_folder="")
 
 
+def _recorded_transport(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> str:
+    """How a bag's colour images of a camera come: as is set, if they do, or else as they do."""
+    recorded = published_transports(config.color_topic, lambda topic: topic in topics)
+    return config.color_transport if config.color_transport in recorded else (recorded or [RAW])[0]
+
+
 def fit_rig_to_bag(rig: Rig, topics: dict[str, tuple[str, int]]) -> Rig:
-    """One camera with the topics and transports that a bag has; a rig file's cameras as they are.
+    """One camera with the topics and transports that a bag has; a rig file's as it names them.
 
     Args:
         rig: the cameras.
@@ -96,6 +109,10 @@ def fit_rig_to_bag(rig: Rig, topics: dict[str, tuple[str, int]]) -> Rig:
         camera = rig.cameras[0]
         fitted = fit_camera_to_bag(camera.config, topics)
         return replace(rig, cameras=(replace(camera, config=fitted),))
+    rig = replace(rig, cameras=tuple(
+        replace(camera, config=replace(camera.config, color_transport=_recorded_transport(
+            camera.config, topics))) if camera.config.color_transport == AUTO else camera
+        for camera in rig.cameras))
     expected = RigAssembler(rig).color_topics()
     if not set(expected) & set(topics):
         raise BagError(f"no images on {', '.join(expected)}; the bag has "

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
@@ -15,6 +16,14 @@ from tf2_msgs.msg import TFMessage
 from stack_counter.ros.diagnostics import WARN, Rate
 from stack_counter.ros.lifecycle import ManagedNode
 from stack_counter.ros.qos import RELIABLE
+from stack_counter.views.color_transport import (
+    AUTO,
+    COMPRESSED,
+    RAW,
+    published_transports,
+    transport_topic,
+    wrong_transport_line,
+)
 from stack_counter.views.decoding import stamp_ns
 from stack_counter.views.rig_assembler import RigAssembler
 
@@ -22,6 +31,25 @@ _SILENT_AFTER_S = 2.0  # an operator should look
 _SENSOR_DEPTH, _TF_DEPTH, _STATIC_TF_DEPTH = 30, 1000, 100
 _TAKEN_BETWEEN_SCANS = ("info", "depth_info", "pose", "joints")
 _OPTIONAL = ("depth_info",)  # aligned depth needs none of its own
+
+
+@dataclass(eq=False)
+class _ColorInput:
+    """The colour images of one camera.
+
+    Attributes:
+        topic: name of the raw topic.
+        setting: `color_transport`.
+        transport: the one by which they are taken now.
+        handlers: take the messages, with their content.
+        subscription: None before the first one.
+    """
+
+    topic: str
+    setting: str
+    transport: str = RAW
+    handlers: list[tuple[str, Callable[[Any], None]]] = field(default_factory=list)
+    subscription: Subscription | None = None
 
 
 class CameraTopics:
@@ -43,18 +71,39 @@ class CameraTopics:
             on_data: called after every message that was taken.
         """
         self._node, self._assembler = node, assembler
+        self._sensor_qos = QoSProfile(depth=_SENSOR_DEPTH, reliability=ReliabilityPolicy.RELIABLE
+                                      if reliable else ReliabilityPolicy.BEST_EFFORT)
         self._is_taking, self._on_data = is_taking, on_data
         self._rates: dict[str, Rate] = {}
         self._tf_rate = Rate()
         self._inputs: list[Subscription] = []
+        self._colors = [_ColorInput(camera.config.color_topic, camera.config.color_transport)
+                        for camera in assembler.rig.cameras]
         self.message_since_tick = False
-        self._subscribe_to_cameras(reliable)
+        self._subscribe_to_cameras()
         self._subscribe_to_tf()
 
     @property
     def unmatched(self) -> list[str]:
         """Topics that nobody publishes yet, as far as the readers themselves know."""
         return [s.topic_name for s in self._inputs if not s.get_publisher_count()]
+
+    def follow_publishers(self) -> None:
+        """Takes colour images, where their transport is `auto`, by the one that is published."""
+        for color in self._colors:
+            if color.setting == AUTO:
+                published = published_transports(color.topic, self._count_publishers)
+                if published and published[0] != color.transport:
+                    self._subscribe_to_color(color, published[0])
+
+    def wrong_transports(self) -> list[str]:
+        """Names the colour images that are published otherwise than the settings say."""
+        lines = (wrong_transport_line(color.topic, color.setting, self._count_publishers)
+                 for color in self._colors)
+        return [line for line in lines if line]
+
+    def _count_publishers(self, topic: str) -> int:
+        return self._node.count_publishers(self._node.resolve_topic_name(topic))
 
     def silence_warnings(self) -> list[tuple[bytes, str]]:
         """Names cameras and TF that are silent."""
@@ -74,19 +123,36 @@ class CameraTopics:
             "tf Hz": self._tf_rate.hz, "tf age s": self._tf_rate.silent_s,
             "images waiting for partners": self._assembler.waiting}
 
-    def _subscribe_to_cameras(self, reliable: bool) -> None:
-        sensor = QoSProfile(depth=_SENSOR_DEPTH, reliability=ReliabilityPolicy.RELIABLE
-                            if reliable else ReliabilityPolicy.BEST_EFFORT)
-        for topic, handlers in self._assembler.topic_handlers().items():
+    def _subscribe_to_cameras(self) -> None:
+        kinds = {"info": CameraInfo, "depth_info": CameraInfo, "pose": PoseStamped,
+                 "joints": JointState}
+        profiles = {"pose": RELIABLE, "joints": QoSProfile(depth=_TF_DEPTH)}
+        handlers_by_topic = self._assembler.topic_handlers()
+        for color in self._colors:
+            color.handlers = handlers_by_topic.pop(transport_topic(color.topic, color.setting))
+            self._subscribe_to_color(color, COMPRESSED if color.setting == COMPRESSED else RAW)
+        for topic, handlers in handlers_by_topic.items():
             content = handlers[0][0]
-            kinds = {"color": CompressedImage if topic.endswith("/compressed") else Image,
-                     "info": CameraInfo, "depth_info": CameraInfo, "pose": PoseStamped,
-                     "joints": JointState}
             subscription = self._node.subscribe(
                 kinds.get(content, Image), topic, self._handler_of(topic, handlers),
-                {"pose": RELIABLE, "joints": QoSProfile(depth=_TF_DEPTH)}.get(content, sensor))
+                profiles.get(content, self._sensor_qos))
             if content not in _OPTIONAL:
                 self._inputs.append(subscription)
+
+    def _subscribe_to_color(self, color: _ColorInput, transport: str) -> None:
+        """Takes a camera's colour images by a transport, and no longer by the one before."""
+        if color.subscription is not None:
+            self._node.get_logger().info(
+                f"colour images come on {transport_topic(color.topic, transport)}")
+            self._rates.pop(transport_topic(color.topic, color.transport), None)
+            self._inputs.remove(color.subscription)
+            self._node.destroy_subscription(color.subscription)
+        color.transport = transport
+        topic = transport_topic(color.topic, transport)
+        color.subscription = self._node.subscribe(
+            CompressedImage if transport == COMPRESSED else Image, topic,
+            self._handler_of(topic, color.handlers), self._sensor_qos)
+        self._inputs.append(color.subscription)
 
     def _subscribe_to_tf(self) -> None:
         topics = self._assembler.tf_topics()

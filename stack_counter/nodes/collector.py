@@ -143,6 +143,7 @@ class Collector(ManagedNode[CollectorConfig]):
                 is_stopped=message.state == ScanStatus.STOPPED))
 
     def _on_timer(self) -> None:
+        self._topics.follow_publishers()
         self._session.reconstructor_ready &= self._posed_images.get_subscription_count() > 0
         self._carry_out(self._session.on_timer(self._topics.message_since_tick))
         self._topics.message_since_tick = False
@@ -161,6 +162,9 @@ class Collector(ManagedNode[CollectorConfig]):
             return response
         self._carry_out(self._session.start(request.scan_id))
         response.accepted, response.scan_id = True, self._session.open_scan_id
+        if lines := self._topics.wrong_transports():
+            response.message = "; ".join(lines)
+            self.get_logger().warning(response.message)
         response.unmatched_topics = self._topics.unmatched
         return response
 
@@ -174,6 +178,7 @@ class Collector(ManagedNode[CollectorConfig]):
         if (scan := self._session.last_closed) is not None:
             response.accepted, response.scan_id = True, scan.scan_id
             response.published = scan.views
+            response.message = "" if scan.views else "; ".join(self._topics.wrong_transports())
         return response
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -190,7 +195,8 @@ class Collector(ManagedNode[CollectorConfig]):
 
     def status_lines(self) -> list[tuple[bytes, str]]:
         """Names silent cameras and TF, and views and scans that wait."""
-        lines = self._topics.silence_warnings() if self._session.accepting_images else []
+        lines = [(WARN, line) for line in self._topics.wrong_transports()]
+        lines += self._topics.silence_warnings() if self._session.accepting_images else []
         return lines + [(WARN, line) for line in self._session.problems()]
 
     def status_values(self) -> Mapping[str, object]:

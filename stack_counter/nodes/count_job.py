@@ -46,6 +46,7 @@ class CountJob:
     Attributes:
         request: what is to be counted.
         publish_feedback: called whenever `feedback` has changed.
+        hint: what the collector has said when the scan was started, e.g. of wrong topics.
         scan_id: None before the scan has started; "" for the next scan, whatever its id.
         scan_end: completed with the cause once the scan ends.
         final_count: completed with the message of the scan's final count.
@@ -55,6 +56,7 @@ class CountJob:
 
     request: Request
     publish_feedback: Callable[[CountStack.Feedback], None] = lambda feedback: None
+    hint: str = ""
     scan_id: str | None = None
     scan_end: Future = field(default_factory=Future)
     final_count: Future = field(default_factory=Future)
@@ -153,14 +155,16 @@ class CountJobRunner:
                            "then has a count for each")
         # Wait for its count, and judge it.
         count = await self._wait_for(job.final_count, TIMEOUTS.count_s)
+        hint = f"; {job.hint}" if job.hint else ""
         if count is None:
-            return Outcome(f"no count within {TIMEOUTS.count_s} s of the scan's end ({cause})")
+            return Outcome(f"no count within {TIMEOUTS.count_s} s of the scan's end ({cause})"
+                           + hint)
         if count.error:
-            return Outcome(count.error)
+            return Outcome(count.error + hint)
         request = job.request
         if count.views.used < request.min_views:
             return Outcome(f"{count.views.used} views used; expected at least "
-                           f"{request.min_views}")
+                           f"{request.min_views}{hint}")
         verdict = set_verdict(count, request.expected_count, request.tolerance)
         return Outcome(f"{verdict}; ended by {cause}", count)
 
@@ -178,7 +182,7 @@ class CountJobRunner:
             part=job.request.part, unit_volume=job.request.unit_volume)), TIMEOUTS.answer_s)
         if started is None or not started.accepted:
             return started.message if started else "start_scan gave no answer"
-        job.scan_id = started.scan_id
+        job.scan_id, job.hint = started.scan_id, started.message
         return ""
 
     async def _wait_for(self, future: Future, seconds: float, otherwise: Any = None) -> Any:

@@ -9,6 +9,7 @@ from typing import Any
 
 from stack_counter.types import View, ViewTally
 from stack_counter.views.assembler import ViewAssembler
+from stack_counter.views.color_transport import transport_topic
 from stack_counter.views.depth_stream import depth_camera_info_topic
 from stack_counter.views.rig import Rig
 from stack_counter.views.robot import Robot
@@ -78,8 +79,7 @@ class RigAssembler:
         handlers: dict[str, list[tuple[str, Callable[[Any], None]]]] = {}
         for camera in self.rig.cameras:
             c, a = camera.config, self.assemblers[camera.name]
-            suffix = "/compressed" if c.color_transport == "compressed" else ""
-            wanted = [(c.color_topic + suffix, "color", a.add_color),
+            wanted = [(transport_topic(c.color_topic, c.color_transport), "color", a.add_color),
                       (c.camera_info_topic, "info", a.add_camera_info),
                       (c.depth_topic, "depth", a.add_depth),
                       (depth_camera_info_topic(c), "depth_info", a.add_depth_camera_info),

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag is counted by one call, and its views are read in one way."""
 
+from dataclasses import replace
 
 import pytest
 from kits.bags import bag, bin_views
+from kits.recording_kit import COLOR, COMPRESSED, INFO, compressed, records, scan, write
 
 from stack_counter.bag.replay import count_bag, measure_bag, read_scan
 from stack_counter.config import load_config
@@ -30,3 +32,38 @@ def test_volume_and_views_of_a_bag(tmp_path):
     few = bag(tmp_path, bin_views(count=2), "few")
     with pytest.raises(ScanError, match="2 views used of 2.*; 2 images in the bag, skipped {}"):
         measure_bag(few, CONFIG)
+
+
+def by_both_transports(path):
+    """A bag with six raw colour images, and the first four of them compressed."""
+    said = records(scan())
+    return write(path, said + [(view.stamp_ns, f"{COLOR}/compressed", COMPRESSED, compressed(
+        view.color, stamp_ns=view.stamp_ns)) for view in scan()[:4]])
+
+
+@pytest.mark.parametrize("transport, views", [("auto", 6), ("raw", 6), ("compressed", 4)])
+def test_color_images_are_read_as_set_or_as_they_are_there(tmp_path, transport, views):
+    path = by_both_transports(tmp_path / "both")
+
+    def count(path, **settings):
+        collector = replace(CONFIG.collector, color_transport=transport, **settings)
+        return len(read_scan(path, replace(CONFIG, collector=collector)))
+
+    assert count(path) == views
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(f"cameras: {{a: {{color_topic: {COLOR}, camera_info_topic: {INFO}}}}}\n")
+    assert count(path, rig=str(rig)) == views
+    only = write(tmp_path / "raw", records(scan()))
+    assert count(only) == 6, "the only transport there is, whatever is set"
+
+
+def test_each_camera_of_a_rig_finds_its_transport(tmp_path):
+    """Two cameras, of which one is recorded compressed."""
+    said = records(scan())
+    said += [(view.stamp_ns, "/b/image/compressed", COMPRESSED,
+              compressed(view.color, stamp_ns=view.stamp_ns)) for view in scan()]
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(f"cameras:\n  a: {{color_topic: {COLOR}, camera_info_topic: {INFO}}}\n"
+                   f"  b: {{color_topic: /b/image, camera_info_topic: {INFO}}}\n")
+    config = replace(CONFIG, collector=replace(CONFIG.collector, rig=str(rig)))
+    assert len(read_scan(write(tmp_path / "bag", said), config)) == 12

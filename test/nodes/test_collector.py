@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The collector over real DDS: what comes in, what goes on, and that nothing is lost."""
 
+from diagnostic_msgs.msg import DiagnosticArray
 from kits.harness import Camera
 from rclpy.qos import QoSProfile
+from sensor_msgs.msg import CompressedImage
 from stack_counter_msgs.msg import PosedImage, ScanStatus
 from stack_counter_msgs.srv import StartScan, StopScan
 from std_srvs.srv import Trigger
@@ -43,7 +45,8 @@ def test_poses_are_interpolated_and_skips_are_counted(ros):
 
 
 def test_no_image_is_lost_at_1280x720(ros):
-    ros.start("collector", depth_topic="''")
+    ros.start("collector", depth_topic="''", color_transport="raw")
+    assert_the_other_transport_is_named(ros)
     images = []
     status = ros.node.create_publisher(ScanStatus, f"{SPACE}/scan_status", QoSProfile(depth=100))
 
@@ -64,6 +67,22 @@ def test_no_image_is_lost_at_1280x720(ros):
     ros.wait(lambda: len(images) == 200, "200 posed images")
     assert images == list(range(1, 201))
     assert ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request()).published == 200
+
+
+def assert_the_other_transport_is_named(ros):
+    """Nobody publishes raw images, and somebody compressed ones."""
+    diagnostics = ros.collect_messages(DiagnosticArray, "/diagnostics")
+    camera = ros.node.create_publisher(CompressedImage, "/camera/color/image_raw/compressed", 1)
+    line = ("/camera/color/image_raw/compressed has 1 publisher: set color_transport: compressed "
+            "(or auto)")
+    ros.wait(lambda: any(line in s.message for m in diagnostics for s in m.status),
+             "the other transport in the diagnostics")
+    started = ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request())
+    assert (started.accepted, started.message) == (True, line)
+    stopped = ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request())
+    assert (stopped.published, stopped.message) == (0, line)
+    ros.node.destroy_publisher(camera)
+    ros.call(Trigger, f"{SPACE}/reset", Trigger.Request())
 
 
 def test_a_configured_part_has_the_v_of_the_catalogue(ros, tmp_path):

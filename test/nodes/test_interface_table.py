@@ -9,6 +9,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.action.graph import get_action_server_names_and_types_by_node
+from sensor_msgs.msg import CompressedImage, Image
 
 # Every ROS 2 node has these.
 OWN = ("rosout", "parameter_events", "transition_event", "parameters", "parameter", "state",
@@ -50,13 +51,24 @@ def ros(ros_of_module):
 
 def test_the_table_is_what_the_nodes_have(ros):
     expected = {(node, how, full(name), kind) for node, how, name, kind in table()}
+    raw, compressed = (("collector", "subscribes", "/camera/color/image_raw" + suffix, kind)
+                       for suffix, kind in (("", "sensor_msgs/msg/Image"),
+                                            ("/compressed", "sensor_msgs/msg/CompressedImage")))
+    assert {raw, compressed} <= expected
 
     ros.wait(lambda: set(SETTINGS) <= set(ros.node.get_node_names()), "three nodes")
 
     def found():
         return set().union(*(running(ros.node, name) for name in SETTINGS))
-    ros.wait(lambda: len(found()) >= len(expected), "the whole graph")
-    assert found() == expected
+    ros.wait(lambda: len(found()) >= len(expected) - 1, "the whole graph")
+    assert found() == expected - {compressed}
+    # Colour images come by the transport that is published, and raw ones are preferred.
+    camera = ros.node.create_publisher(CompressedImage, compressed[2], 10)
+    ros.wait(lambda: found() == expected - {raw}, "compressed images are asked for")
+    other = ros.node.create_publisher(Image, raw[2], 10)
+    ros.wait(lambda: found() == expected - {compressed}, "raw images are asked for")
+    ros.node.destroy_publisher(other)
+    ros.node.destroy_publisher(camera)
 
 
 @pytest.mark.parametrize("name", SETTINGS)
