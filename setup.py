@@ -74,6 +74,8 @@ EXTRAS = {
     "models": ["transformers>=5.24; python_version >= '3.11'"],
     # URDF of a robot that is left out of depth (no key).
     "robot": ["yourdfpy>=0.0.60"],
+    # Live topics in the Foxglove app (no key).
+    "view": ["foxglove-sdk>=0.30.3"],
     # STEP files of parts (no key).
     "cad": ["cascadio>=0.1.1"],
     "test": [
@@ -83,6 +85,7 @@ EXTRAS = {
         "pytest-xdist>=3.8",
         "ruff>=0.17",
         "types-PyYAML>=6.0.12",  # (no key)
+        "websockets>=15.0.1",  # (no key)
     ],
 }
 

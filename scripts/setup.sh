@@ -212,10 +212,10 @@ install_package() {  # data files and commands; the code itself is used where it
 }
 
 if [[ $mode == wheels ]]; then
-  extras="wheels sim models robot cad test"
+  extras="wheels sim models robot cad view test"
   setuptools="setuptools>=77"
 else
-  extras="sourced sim models robot cad test"
+  extras="sourced sim models robot cad view test"
   setuptools="setuptools>=70,<80"  # colcon calls setup.py in ways that later ones dropped
 fi
 

@@ -44,15 +44,22 @@ def config_path(name: str) -> Path:
     Raises:
         ConfigError: no folder of configuration files holds it.
     """
-    # A checkout (or an editable install) first, then what setup.py installs: below an ament
-    # prefix in a colcon workspace, below sys.prefix otherwise.
+    # A checkout (or an editable install) first, then what setup.py installs.
     folders = [Path(__file__).parents[1] / "config"]
-    folders += [Path(prefix) / "share" / "stack_counter" / "config" for prefix in
-                (*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix) if prefix]
+    folders += [folder / "config" for folder in share_folders("stack_counter")]
     for folder in folders:
         if (folder / name).is_file():
             return folder / name
     raise ConfigError(f"no {name} in {[str(f) for f in folders]}; expected it in one of them")
+
+
+def share_folders(package: str) -> list[Path]:
+    """Folders that may hold a ROS package's files; none of them needs to be there.
+
+    They are below an ament prefix in a colcon workspace, below sys.prefix otherwise.
+    """
+    prefixes = (*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix)
+    return [Path(prefix) / "share" / package for prefix in prefixes if prefix]
 
 
 def shipped_weights(name: str) -> Path:

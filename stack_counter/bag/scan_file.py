@@ -18,7 +18,8 @@ from typing import NamedTuple
 
 import yaml
 from mcap.writer import CompressionType, Writer
-from rosbags.typesys import Stores, get_typestore
+
+from stack_counter.bag.message_definitions import message_definition
 
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 # Names of the mcap metadata that say what was recorded and, at its end, how it ended.
@@ -27,7 +28,6 @@ _PART = ".part"
 _CUT = ".cut"
 # Names as `_file_name` makes them and no others: the bound on the disk deletes by this.
 _NAME = re.compile(r"scan_\d{8}-\d{6}-\d{3}_[A-Za-z0-9_-]{1,40}(\.cut)?\.mcap")
-_STORE = get_typestore(Stores.ROS2_JAZZY)
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 _LATCHED = yaml.safe_dump([{
     "history": "keep_last", "depth": 100, "reliability": "reliable",
@@ -134,8 +134,8 @@ class Recording:
     def _register_channel(self, topic: str, kind: str) -> int:
         """Adds a topic and, where it is new, its type; returns the channel's number."""
         if kind not in self._schemas:
-            text, _ = _STORE.generate_msgdef(kind, ros_version=2)
-            self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", text.encode())
+            self._schemas[kind] = self._writer.register_schema(
+                kind, "ros2msg", message_definition(kind).encode())
         # A latched topic must be latched again when rosbag2 plays the file.
         qos = _LATCHED if topic == "/tf_static" else "[]"
         self._channels[topic] = self._writer.register_channel(

@@ -24,6 +24,7 @@ from stack_counter.cli.parts import add_part
 from stack_counter.cli.replay import add_replay
 from stack_counter.cli.run import add_run
 from stack_counter.cli.simulate import add_simulate
+from stack_counter.cli.view import add_view
 from stack_counter.config import load_config
 from stack_counter.errors import (
     ConfigError,
@@ -92,6 +93,7 @@ def _make_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     add_replay(commands)
     add_run(commands)
+    add_view(commands)
     _add_import(commands)
     _add_info(commands)
     add_container(commands)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 # Reliable everywhere: best effort loses images even on one machine.
@@ -29,3 +31,17 @@ LATCHED_NEWEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL
 # For readers of a latched topic that must not lose any message of it, in live mode as well.
 LATCHED_ALL = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DIAGNOSTICS = QoSProfile(depth=10)
+
+
+def profile_that_hears(publishers: Sequence[QoSProfile]) -> QoSProfile:
+    """Returns the profile of a subscription that hears publishers of all these profiles.
+
+    It is reliable if all of them are, and gets the last messages of those that are latched if
+    all of them are.
+    """
+    reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in publishers)
+    latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
+    return QoSProfile(
+        depth=100,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)

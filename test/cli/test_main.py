@@ -66,7 +66,7 @@ def test_help_lists_what_may_be_chosen(capsys):
     assert all(name in out for name in ("network", "depth_corrected", "prior", "direct"))
 
 
-@pytest.mark.parametrize("command", [("run",), ("replay", "bag")])
+@pytest.mark.parametrize("command", [("run",), ("view",), ("replay", "bag")])
 def test_a_settings_file_that_is_not_there_is_named(tmp_path, capsys, command):
     code, _, err = run(capsys, *command, "--config", tmp_path / "nosuch")
     assert code == 2 and err.startswith("stack-counter: no settings file") and "nosuch" in err

@@ -51,6 +51,10 @@ class Harness:
         except ExternalShutdownException:
             pass
 
+    def spin_too(self, node):
+        """Has the thread in the background spin another node of this context."""
+        self._executor.add_node(node)
+
     def start(self, name, **parameters):
         """Starts one node as a process with these parameters; returns the process."""
         arguments = [x for key, value in parameters.items() for x in ("-p", f"{key}:={value}")]

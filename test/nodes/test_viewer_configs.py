@@ -2,7 +2,10 @@
 """The files for RViz and Foxglove name what the nodes have: docs/interface.md, which is compared
 with the running nodes, and the fields of the messages."""
 
+import dataclasses
 import json
+import re
+import typing
 from pathlib import Path
 
 import pytest
@@ -106,3 +109,45 @@ def test_every_foxglove_panel_has_its_place(foxglove):
         return [node] if isinstance(node, str) else leaves(node["first"]) + leaves(node["second"])
 
     assert sorted(leaves(foxglove["layout"])) == sorted(foxglove["configById"])
+
+
+def fields_of(classes):
+    """Type of each field of these classes of the Foxglove SDK, by its name in a layout file."""
+    return {re.sub("_(.)", lambda letter: letter[1].upper(), name): kind
+            for known in classes for name, kind in typing.get_type_hints(known).items()}
+
+
+def classes_in(kind):
+    """Classes that a type names: of itself, its alternatives or its entries."""
+    if dataclasses.is_dataclass(kind):
+        return [kind]
+    return [known for part in typing.get_args(kind) for known in classes_in(part)]
+
+
+def unknown_keys(settings, classes):
+    """Keys, with the way to them, that none of these classes of the SDK has."""
+    known, unknown = fields_of(classes), []
+    for key, value in settings.items():
+        if key not in known:
+            unknown.append(key)
+            continue
+        inner = classes_in(known[key])
+        if isinstance(value, dict) and "dict[" in str(known[key]):
+            value = list(value.values())
+        for entry in value if isinstance(value, list) else [value]:
+            if isinstance(entry, dict) and inner:
+                unknown += [f"{key}.{name}" for name in unknown_keys(entry, inner)]
+    return unknown
+
+
+def test_every_foxglove_setting_is_one_that_the_app_has_today(foxglove):
+    layouts = pytest.importorskip("foxglove.layouts")
+    panel_classes = {"3D": layouts.ThreeDeeConfig, "Image": layouts.ImageConfig,
+                     "RawMessages": layouts.RawMessagesConfig, "Plot": layouts.PlotConfig,
+                     "Indicator": layouts.IndicatorConfig,
+                     "DiagnosticSummary": layouts.DiagnosticsSummaryConfig}
+    for name, settings in foxglove["configById"].items():
+        assert unknown_keys(settings, [panel_classes[name.split("!")[0]]]) == [], name
+    settings = {"scene": {"transforms": {"axisScale": 1}}, "layers": {"grid": {"size": 2, "a": 1}}}
+    assert unknown_keys(settings, [layouts.ThreeDeeConfig]) == ["scene.transforms.axisScale",
+                                                                "layers.a"]

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A client of the Foxglove WebSocket protocol, as the Foxglove app is one."""
+
+import json
+import struct
+
+from websockets.sync.client import connect
+
+PROTOCOL = "foxglove.sdk.v1"
+MESSAGE_DATA = 1  # first byte of a binary frame that holds a message
+
+
+class FoxgloveClient:
+    """Connects to a server, and subscribes to all topics that a test names."""
+
+    def __init__(self, port, *topics):
+        self._connection = connect(f"ws://127.0.0.1:{port}", subprotocols=[PROTOCOL],
+                                   max_size=None)
+        self._wanted = set(topics)
+        self.channels = {}  # what the server says of a topic, by its name
+        self._topic_of = {}  # topic by the number of our subscription
+
+    def __enter__(self):
+        self._socket = self._connection.__enter__()
+        return self
+
+    def __exit__(self, *error):
+        self._connection.__exit__(*error)
+
+    def receive(self, seconds):
+        """Returns topic and bytes of the next message.
+
+        Raises:
+            TimeoutError: none comes in time.
+        """
+        while True:
+            frame = self._socket.recv(seconds)
+            if isinstance(frame, bytes):
+                kind, subscription, _ = struct.unpack_from("<BIQ", frame)
+                if kind == MESSAGE_DATA:
+                    return self._topic_of[subscription], frame[13:]
+            else:
+                self._on_text(json.loads(frame))
+
+    def _on_text(self, message):
+        for channel in message.get("channels", []) if message["op"] == "advertise" else []:
+            self.channels[channel["topic"]] = channel
+            if channel["topic"] in self._wanted or not self._wanted:
+                self._topic_of[channel["id"]] = channel["topic"]
+                self._socket.send(json.dumps({"op": "subscribe", "subscriptions": [
+                    {"id": channel["id"], "channelId": channel["id"]}]}))
