@@ -19,6 +19,8 @@ from stack_counter.bag.mcap_file import McapFile, RawMessage
 from stack_counter.bag.scan_file import END_FACTS, FACTS, finished_recordings
 from stack_counter.errors import BagError
 
+_TRANSIENT_LOCAL = 1  # durability, as recorders before Jazzy write it
+
 
 @dataclass(frozen=True)
 class Record:
@@ -75,6 +77,12 @@ class BagReader:
         return {(camera, stamp) for camera, stamp in json.loads(self.facts.get("overrun", "[]"))}
 
     @property
+    def latched(self) -> set[str]:
+        """Topics that were recorded from publishers who offer old messages to late subscribers."""
+        return {channel.topic for file in self._files for channel in file.channels.values()
+                if _is_latched(channel.metadata.get("offered_qos_profiles", ""))}
+
+    @property
     def truncated(self) -> bool:
         """Whether a file ends early or is damaged, or its recording ended before the scan."""
         return any(file.truncated for file in self._files) \
@@ -112,6 +120,15 @@ class BagReader:
                            f"as '{schema.encoding if schema else ''}'; expected cdr, ros2msg")
         return Record(channel.topic, message.log_time_ns, message.data,
                       partial(decoder, message.data))
+
+
+def _is_latched(profiles: str) -> bool:
+    """Whether a recorder's YAML list of offered profiles has one of transient local durability."""
+    try:
+        return any(profile.get("durability") in ("transient_local", _TRANSIENT_LOCAL)
+                   for profile in yaml.safe_load(profiles) or [])
+    except (yaml.YAMLError, TypeError, AttributeError):
+        return False
 
 
 def _mcap_paths(path: Path) -> list[Path]:

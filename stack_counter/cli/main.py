@@ -21,6 +21,7 @@ from pathlib import Path
 from stack_counter import __version__
 from stack_counter.cli.containers import add_container
 from stack_counter.cli.parts import add_part
+from stack_counter.cli.play import add_play
 from stack_counter.cli.replay import add_replay
 from stack_counter.cli.run import add_run
 from stack_counter.cli.simulate import add_simulate
@@ -94,6 +95,7 @@ def _make_parser() -> argparse.ArgumentParser:
     add_replay(commands)
     add_run(commands)
     add_view(commands)
+    add_play(commands)
     _add_import(commands)
     _add_info(commands)
     add_container(commands)

@@ -85,7 +85,7 @@ class Player(Node):
         self.volumes = {region: StackVolume() for region in regions}
         self.counts: list[StackCount] = []
         self._record_publishers: dict[str, Publisher] = {
-            topic: self.create_publisher(message_type(kind), topic, _record_qos(topic, kind))
+            topic: self.create_publisher(message_type(kind), topic, record_qos(topic, kind))
             for topic, kind in topics.items()}
         self.create_subscription(ScanStatus, "scan_status", self._on_status, QoSProfile(depth=500))
         self.create_subscription(StackVolume, "volume", self._on_volume, LATCHED_ALL)
@@ -266,7 +266,7 @@ class Player(Node):
         return len(self._color_topics)
 
 
-def _record_qos(topic: str, kind: str) -> QoSProfile:
+def record_qos(topic: str, kind: str) -> QoSProfile:
     """Returns the profile that a recorded topic of a type is played with."""
     if topic == "/tf_static":
         return LATCHED_ALL

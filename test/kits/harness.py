@@ -187,9 +187,12 @@ class Camera:
 
 
 class StandInReconstructor:
-    """Subscribes to posed images and publishes their reception, as the reconstructor does."""
+    """Subscribes to posed images and publishes their reception, as the reconstructor does.
 
-    def __init__(self, ros):
+    It says that it is there once so many subscribe to its status; it is itself one of them.
+    """
+
+    def __init__(self, ros, subscribers=1):
         from stack_counter_msgs.msg import PosedImage
 
         self.images = []
@@ -199,7 +202,7 @@ class StandInReconstructor:
                                      QoSProfile(depth=100))
         ros.node.create_subscription(ScanStatus, "/stack_counter/scan_status", self._on_status,
                                      QoSProfile(depth=100))
-        ros.wait_for_subscribers(self._status)
+        ros.wait(lambda: self._status.get_subscription_count() >= subscribers, "subscribers")
         self._status.publish(ScanStatus(node="reconstructor"))
 
     def _publish_status(self, scan_id, state=ScanStatus.SCANNING):
