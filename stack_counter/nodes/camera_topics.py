@@ -10,6 +10,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
+from rclpy.task import Future
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from tf2_msgs.msg import TFMessage
 
@@ -28,6 +29,9 @@ from stack_counter.views.decoding import stamp_ns
 from stack_counter.views.rig_assembler import RigAssembler
 
 _SILENT_AFTER_S = 2.0  # an operator should look
+# A stop waits until no image was handled between two ticks, twice in a row, but not for ever:
+# cameras that run freely always send some.
+_QUEUE_TICK_S, _QUEUE_QUIET_TICKS, _QUEUE_MAX_TICKS = 0.01, 2, 30
 _SENSOR_DEPTH, _TF_DEPTH, _STATIC_TF_DEPTH = 30, 1000, 100
 _TAKEN_BETWEEN_SCANS = ("info", "depth_info", "pose", "joints")
 _OPTIONAL = ("depth_info",)  # aligned depth needs none of its own
@@ -80,8 +84,30 @@ class CameraTopics:
         self._colors = [_ColorInput(camera.config.color_topic, camera.config.color_transport)
                         for camera in assembler.rig.cameras]
         self.message_since_tick = False
+        self._handled = 0  # number of messages of cameras
         self._subscribe_to_cameras()
         self._subscribe_to_tf()
+
+    async def handle_waiting_messages(self) -> None:
+        """Returns once the messages that wait in this process's own queues are handled.
+
+        The middleware hands over one message of each topic at a time, and then a request: a stop
+        would overtake the images that were sent before it.
+        """
+        handled, ticks, quiet_ticks, is_done = self._handled, 0, 0, Future()
+
+        def count_tick() -> None:
+            nonlocal handled, ticks, quiet_ticks
+            quiet_ticks = quiet_ticks + 1 if handled == self._handled else 0
+            handled, ticks = self._handled, ticks + 1
+            if quiet_ticks >= _QUEUE_QUIET_TICKS or ticks >= _QUEUE_MAX_TICKS:
+                is_done.set_result(None)
+
+        timer = self._node.create_timer(_QUEUE_TICK_S, count_tick, clock=self._node.steady)
+        try:
+            await is_done
+        finally:
+            self._node.destroy_timer(timer)
 
     @property
     def unmatched(self) -> list[str]:
@@ -172,6 +198,7 @@ class CameraTopics:
         def handle(message: Any) -> None:
             rate.tick(self._age_s(message.header))
             self.message_since_tick |= content != "joints"
+            self._handled += content != "joints"
             if self._is_taking() or content in _TAKEN_BETWEEN_SCANS:
                 for _, add in handlers:
                     add(message)

@@ -168,8 +168,9 @@ class Collector(ManagedNode[CollectorConfig]):
         response.unmatched_topics = self._topics.unmatched
         return response
 
-    def _stop_scan(self, request: StopScan.Request, response: StopScan.Response
-                   ) -> StopScan.Response:
+    async def _stop_scan(self, request: StopScan.Request, response: StopScan.Response
+                         ) -> StopScan.Response:
+        await self._topics.handle_waiting_messages()
         try:
             self._carry_out(self._session.stop())
         except ScanError as error:

@@ -178,8 +178,8 @@ class ScanSession(ABC):
                 may lie in our own queues, and it is we who are late: no cycle is given up.
         """
         events = self.collect_views()
-        if not message_since_tick:
-            events += self.close_waiting(expired_only=True)
+        if not message_since_tick and (closed := self.close_waiting(expired_only=True)):
+            events += [*closed, self._views_decided()]
         self._unknown_ticks += self._unknown_since_tick
         self._unknown_since_tick = False
         first = self.queue.first

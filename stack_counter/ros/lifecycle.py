@@ -16,6 +16,7 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -48,6 +49,7 @@ class ManagedNode(LifecycleNode, Generic[Section]):
         self._cleanup_calls: list[Callable[[], Any]] = []
         self._qos_mismatches: dict[str, str] = {}  # an explanation for each topic
         self.active = self._configured = False
+        self._service_group = MutuallyExclusiveCallbackGroup()
         # Waiting and being late are matters of wall time, also where the clock is a bag's.
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         for field in dataclasses.fields(section):
@@ -245,8 +247,8 @@ class ManagedNode(LifecycleNode, Generic[Section]):
         return made
 
     def add_service(self, kind: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
-        """Makes a service that cleanup destroys."""
-        made = self.create_service(kind, name, callback)
+        """Makes a service that cleanup destroys; while it awaits something, the node goes on."""
+        made = self.create_service(kind, name, callback, callback_group=self._service_group)
         self._cleanup_calls.append(lambda: self.destroy_service(made))
 
     def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:

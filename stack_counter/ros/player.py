@@ -78,7 +78,7 @@ class Player(Node):
         self._changed = threading.Condition()
         self._collector = self._reconstructor = ScanStatus()
         self._color_topics = color_topics
-        self._images_sent = 0
+        self._images_sent = self._images_of_open_scan = 0
         self._cycle_ns, self._cycle_begin_ns = cycle_ns, -2 * cycle_ns
         self._cycle_sizes: dict[str, int] = {}  # number of images of each cycle that is closed
         self._images_finished = 0  # of cycles that the reconstructor has finished
@@ -104,6 +104,8 @@ class Player(Node):
                 self._images_finished += self._cycle_sizes.get(message.scan_id, 0)
             if message.node == "collector":
                 self._collector = message
+                if message.state == ScanStatus.SCANNING:
+                    self._images_of_open_scan = message.received
             elif message.scan_id == self._collector.scan_id:
                 self._reconstructor = message
             self._changed.notify_all()
@@ -209,6 +211,9 @@ class Player(Node):
                 self._images_sent += 1
                 on_view()
             self._record_publishers[record.topic].publish(record.data)
+        # What has not arrived when the scan ends would be no part of it.
+        self.wait_until(lambda: self._images_received() >= self._images_sent,
+                        SETTINGS.stall_timeout_s)
         self.wait_until(lambda: self._images_ahead() <= 0, SETTINGS.settle_s)
 
     def stop_scan(self, scan_id: str) -> dict[str, StackCount]:
@@ -239,6 +244,10 @@ class Player(Node):
             raise NodeError(f"service {client.srv_name} gave no answer within "
                             f"{SETTINGS.start_timeout_s} s")
         return future.result()
+
+    def _images_received(self) -> int:
+        """Returns the number of images that have reached the collector."""
+        return sum(self._cycle_sizes.values()) + self._images_of_open_scan
 
     def _images_ahead(self) -> int:
         """Returns the number of images played that no node has finished or skipped."""
