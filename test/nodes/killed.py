@@ -53,8 +53,8 @@ def main() -> int:
         code, seen, left = survivors_of(ended_by, after_s)
         bad += bool(left)
         print(f"run {number}: {ended_by.name} after {after_s:.1f} s, exit {code}, {len(seen)} "
-              f"processes, left {sorted(left)}, all ended {time.monotonic() - begin - after_s:.1f} "
-              "s later", flush=True)
+              f"processes, left {sorted(left)}, waited {time.monotonic() - begin - after_s:.1f} s",
+              flush=True)
     print(f"{options.runs - bad} of {options.runs} runs left nothing")
     return int(bad > 0)
 
