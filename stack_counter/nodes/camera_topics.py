@@ -29,9 +29,9 @@ from stack_counter.views.decoding import stamp_ns
 from stack_counter.views.rig_assembler import RigAssembler
 
 _SILENT_AFTER_S = 2.0  # an operator should look
-# A stop waits until no image was handled between two ticks, twice in a row, but not for ever:
-# cameras that run freely always send some.
-_QUEUE_TICK_S, _QUEUE_QUIET_TICKS, _QUEUE_MAX_TICKS = 0.01, 2, 30
+# A stop waits until no image was handled for some ticks in a row, but not for ever: cameras that
+# run freely always send some. With 20 ms of quiet the last image was missed on a busy machine.
+_QUEUE_TICK_S, _QUEUE_QUIET_TICKS, _QUEUE_MAX_TICKS = 0.02, 5, 25
 _SENSOR_DEPTH, _TF_DEPTH, _STATIC_TF_DEPTH = 30, 1000, 100
 _TAKEN_BETWEEN_SCANS = ("info", "depth_info", "pose", "joints")
 _OPTIONAL = ("depth_info",)  # aligned depth needs none of its own

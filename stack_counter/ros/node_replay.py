@@ -28,7 +28,8 @@ from stack_counter.config import CollectorConfig, Config
 from stack_counter.counting import with_reasons
 from stack_counter.ros.conversions import from_stack_count, from_stack_volume, from_tally
 from stack_counter.ros.player import Player
-from stack_counter.ros.processes import NodeProcesses, private_environment
+from stack_counter.ros.private_domain import PrivateDomain
+from stack_counter.ros.processes import NodeProcesses
 from stack_counter.types import Reason
 from stack_counter.views.rig import Rig, load_rig
 from stack_counter.views.rig_assembler import RigAssembler
@@ -71,15 +72,16 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
         NodeError: a node died or hangs.
         ScanError: the nodes give no count; the message has their reason.
     """
-    environment = private_environment()
-    os.environ.update(environment)  # read by the DDS library when the context starts
+    domain = PrivateDomain()
+    os.environ.update(domain.environment)  # read by the DDS library when the context starts
     reader = BagReader(path)
     rig = fit_rig_to_bag(load_rig(config.collector), reader.topics)
     nodes = NodeProcesses(
-        replace(config, collector=_fit_collector(config.collector, rig, reader)), environment)
+        replace(config, collector=_fit_collector(config.collector, rig, reader)),
+        domain.environment)
     regions = [region.name for region in config.reconstructor.regions] or [""]
-    with _spinning_player(rig, reader, config.collector.mode == "cycle", regions, nodes,
-                          int(environment["ROS_DOMAIN_ID"])) as player, nodes:
+    with domain, _spinning_player(rig, reader, config.collector.mode == "cycle", regions, nodes,
+                                  domain.number) as player, nodes:
         # Start the nodes.
         player.wait_for_nodes()
         loaded = time.perf_counter()

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -23,7 +22,6 @@ from stack_counter.errors import StackCounterError
 from stack_counter.files import config_path
 
 NODES = ("collector", "reconstructor", "counter")
-PRIVATE_DOMAINS = range(1, 101)  # ROS domains, of which a private one is drawn
 
 
 @dataclass(frozen=True)
@@ -49,12 +47,6 @@ SETTINGS = ProcessSettings()
 
 class NodeError(StackCounterError):
     """A node did not start, or died."""
-
-
-def private_environment() -> dict[str, str]:
-    """Returns environment variables of a ROS domain that hardly anyone else here uses."""
-    return {"ROS_DOMAIN_ID": str(random.SystemRandom().choice(PRIVATE_DOMAINS)),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **shared_memory_environment()}
 
 
 def shared_memory_environment() -> dict[str, str]:

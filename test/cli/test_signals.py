@@ -11,6 +11,9 @@ import pytest
 import trimesh
 from kits.survivors import descendants, wait_for_end, wait_until
 
+from stack_counter.ros.private_domain import PrivateDomain
+
+DOMAIN = PrivateDomain()
 ROOT = Path(__file__).parents[2]
 
 
@@ -20,8 +23,7 @@ def start(folder, *arguments):
         return subprocess.Popen(
             [sys.executable, "-m", "stack_counter", *arguments], stdout=log,
             stderr=subprocess.STDOUT, cwd=ROOT,
-            env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-                 "ROS_DOMAIN_ID": "101"})
+            env={**os.environ, **DOMAIN.environment})
 
 
 def end(process, number, children):

@@ -20,7 +20,7 @@ from stack_counter_msgs.srv import StartScan
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from stack_counter.ros.processes import private_environment
+from stack_counter.ros.private_domain import PrivateDomain
 from stack_counter.ros.standard_messages import to_camera_info, to_header, to_image
 from stack_counter.types import Intrinsics
 
@@ -34,10 +34,11 @@ class Harness:
 
     def __init__(self, folder):
         self.folder = folder
-        self.environment = private_environment()
+        self._domain = PrivateDomain()
+        self.environment = self._domain.environment
         os.environ.update(self.environment)
         self.context = rclpy.context.Context()
-        rclpy.init(context=self.context, domain_id=int(self.environment["ROS_DOMAIN_ID"]))
+        rclpy.init(context=self.context, domain_id=self._domain.number)
         self.node = rclpy.create_node("test", context=self.context)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
@@ -146,6 +147,7 @@ class Harness:
         self.node.destroy_node()
         rclpy.try_shutdown(context=self.context)
         self._spinner.join()
+        self._domain.close()
 
 
 class Camera:

@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 
-from stack_counter.ros.processes import private_environment
+from stack_counter.ros.private_domain import PrivateDomain
 
 # A signal ends the context while a callback works; what it then publishes fails.
 ENDS_UNDER_A_CALLBACK = """
@@ -36,9 +36,10 @@ run(Late)
 
 
 def run_late(ends):
-    return subprocess.run([sys.executable, "-c", ENDS_UNDER_A_CALLBACK.format(ends=ends)],
-                          capture_output=True, text=True,
-                          env={**os.environ, **private_environment()})
+    with PrivateDomain() as domain:
+        return subprocess.run([sys.executable, "-c", ENDS_UNDER_A_CALLBACK.format(ends=ends)],
+                              capture_output=True, text=True,
+                              env={**os.environ, **domain.environment})
 
 
 def test_a_node_ends_cleanly_though_it_has_just_something_to_say():
@@ -89,9 +90,11 @@ def test_regions_are_parameters_of_the_names_in_the_settings_file(tmp_path):
     regions:
       left: {center_m: [0.1, 0.2, 0.3], size_m: [1.0, 1.0, 1.0]}
 """)
-    done = subprocess.run([sys.executable, "-c", TELLS_ITS_REGIONS, "--ros-args", "--params-file",
-                           str(settings), "-p", "live:=true"], capture_output=True, text=True,
-                          timeout=60, env={**os.environ, **private_environment()})
+    with PrivateDomain() as domain:
+        done = subprocess.run([sys.executable, "-c", TELLS_ITS_REGIONS, "--ros-args",
+                               "--params-file", str(settings), "-p", "live:=true"],
+                              capture_output=True, text=True, timeout=60,
+                              env={**os.environ, **domain.environment})
     assert done.stdout.splitlines() == [
         "['left.center_m', 'left.size_m']", "left 0.1 0.2 0.3 1.0 1.0 1.0", "5 True",
         "regions.left.size_m is read on configure; expected an unconfigured node: clean it up "
