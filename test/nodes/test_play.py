@@ -19,7 +19,7 @@ from tf2_msgs.msg import TFMessage
 from stack_counter.bag.reader import BagReader
 from stack_counter.cli import main
 from stack_counter.ros.bag_player import SETTINGS, StampShift, playable_topics
-from stack_counter.ros.processes import private_environment
+from stack_counter.ros.private_domain import PrivateDomain
 from stack_counter.ros.standard_messages import to_header
 from stack_counter.views.decoding import stamp_ns
 
@@ -57,9 +57,10 @@ def test_a_recording_is_played_into_a_collector_and_again_in_a_loop(ros, tmp_pat
 
 
 def test_who_plays_to_nobody_reads_it(tmp_path, capsys, monkeypatch):
-    for name, value in private_environment().items():
-        monkeypatch.setenv(name, value)
-    code, out, _ = run(capsys, "play", bag(tmp_path), "--rate", "100")
+    with PrivateDomain() as domain:
+        for name, value in domain.environment.items():
+            monkeypatch.setenv(name, value)
+        code, out, _ = run(capsys, "play", bag(tmp_path), "--rate", "100")
     assert code == 0
     assert f"nobody subscribes to any of them on ROS domain {os.environ['ROS_DOMAIN_ID']};" in out
 
