@@ -1,16 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What several commands share: checks of arguments, settings of a command, a progress bar."""
+"""What several commands share: checks of arguments, settings of a command."""
 
 from __future__ import annotations
 
 import argparse
 import math
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-
-from tqdm import tqdm
 
 
 def positive_integer(text: str) -> int:
@@ -45,13 +40,3 @@ def require_bag(path: Path | None) -> Path:
     if path is None or not path.exists():
         raise FileNotFoundError(f"no bag {path}; expected a rosbag2 folder or .mcap file")
     return path
-
-
-@contextmanager
-def progress_bar(task: str, unit: str, total: int | None = None) -> Iterator[Callable[[], None]]:
-    """Shows a progress bar on a terminal; gives what is to be called after each step."""
-    with tqdm(total=total, unit=f" {unit}", desc=task, disable=not sys.stderr.isatty()) as bar:
-
-        def advance() -> None:
-            bar.update()
-        yield advance

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from stack_counter.cli.common import add_config_argument, progress_bar, require_bag
+from stack_counter.cli.common import add_config_argument, require_bag
 from stack_counter.config import Config, load_config
 from stack_counter.container.catalogue import (
     TaughtContainer,
@@ -16,6 +16,7 @@ from stack_counter.container.catalogue import (
     save_container,
 )
 from stack_counter.files import config_path
+from stack_counter.progress import progress_bar
 
 _UNITS = ("mm", "m", "in")  # keys of teaching.solid_mesh.UNITS, without its imports
 _UP_AXES = ("z", "y", "x", "-z", "-y", "-x")  # of teaching.container_mesh.UP_AXES

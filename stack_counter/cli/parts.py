@@ -16,7 +16,6 @@ import numpy as np
 from stack_counter.cli.common import (
     add_config_argument,
     positive_number,
-    progress_bar,
     require_bag,
 )
 from stack_counter.config import Config, load_config
@@ -32,6 +31,7 @@ from stack_counter.parts.catalogue import (
     save_part,
 )
 from stack_counter.parts.gamma_model import GammaModel
+from stack_counter.progress import progress_bar
 
 if TYPE_CHECKING:
     from stack_counter.parts.calibration import Calibration

@@ -7,11 +7,12 @@ import argparse
 import json
 import sys
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stack_counter.cli.common import add_config_argument, progress_bar, require_bag
+from stack_counter.cli.common import add_config_argument, require_bag
 from stack_counter.config import Config, CounterConfig, build_section, load_config, setting_choices
 from stack_counter.container.catalogue import configured_container
 from stack_counter.counting import check_unit_volume
@@ -19,6 +20,7 @@ from stack_counter.errors import ConfigError
 from stack_counter.files import config_path
 from stack_counter.occupancy import make_estimator
 from stack_counter.parts.catalogue import Part, resolve_part
+from stack_counter.progress import progress_bar
 
 if TYPE_CHECKING:
     from stack_counter.bag.replayed import Replayed
@@ -115,7 +117,9 @@ def _part(options: argparse.Namespace, config: Config) -> Part:
 def _count(options: argparse.Namespace, config: Config, part: Part, begin: float
            ) -> list[Replayed]:
     """Replays the bag through the nodes, or in this process."""
-    with progress_bar("replay", "views") as on_view:
+    # Without a terminal stderr is for programs, which read there why there is no count.
+    with progress_bar("replay", "views") if sys.stderr.isatty() \
+            else nullcontext(lambda: None) as on_view:
         if options.nodes:
             from stack_counter.ros.node_replay import replay_nodes
 

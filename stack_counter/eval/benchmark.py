@@ -17,7 +17,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ConfigError, StackCounterError
@@ -32,6 +31,7 @@ from stack_counter.eval.common.published_rule import (
 )
 from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.pipeline import StackCounter
+from stack_counter.progress import progress
 from stack_counter.sim import Scene, record
 from stack_counter.types import View
 
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
     # V of every scene; the first recordings are kept for the cost
     rows: list[BenchmarkRow] = []
     recordings: list[tuple[Scene, list[View]]] = []
-    for scene in tqdm([scenes[i] for i in spread], unit=" scenes"):
+    for scene in progress([scenes[i] for i in spread], "volumes", "scenes"):
         views = record(scene, args.views, args.seed, color=False, labels=True)
         rows.append(compare_volumes(scene, views))
         if len(recordings) < SETTINGS.cost_scenes:

@@ -15,12 +15,12 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from tqdm import tqdm
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.pipeline import StackCounter
+from stack_counter.progress import progress, write_line
 from stack_counter.reconstruction import PictureReconstruction
 from stack_counter.sim import DepthCamera, Scene, read_scenes, record
 from stack_counter.types import PARTS, Reason, View
@@ -71,10 +71,10 @@ def run(args: argparse.Namespace) -> int:
     """Records, measures and prints, about a minute a scene; returns the exit code."""
     rows = []
     scenes = itertools.islice(read_scenes(find_set_folder(args.set)), args.scenes)
-    for scene in tqdm(scenes, total=args.scenes, unit=" scenes"):
+    for scene in progress(scenes, "volumes", "scenes", args.scenes):
         rows.append(evaluate_pictures(scene, record(scene, args.views, args.seed, camera=IDEAL,
                                            labels=True)))
-        tqdm.write(format_row(rows[-1]))
+        write_line(format_row(rows[-1]))
     summary = summarise_errors(rows)
     for name, figures in summary.items():
         print(f"{name}: " + ", ".join(f"{key} {value:.3g}" for key, value in figures.items()))

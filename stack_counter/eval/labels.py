@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 from scipy import ndimage
-from tqdm import tqdm
 
 from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.pipeline import StackCounter
+from stack_counter.progress import progress
 from stack_counter.sim import Scene, read_shard, record
 from stack_counter.types import CONTAINER, PARTS, View
 
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     scenes = choose_scenes(find_set_folder(args.set), args.scenes, args.seed)
     score = partial(score_scene, views=args.views, seed=args.seed, depth=args.depth)
     with worker_pool(args.workers) as pool:
-        rows = list(tqdm(pool.map(score, scenes), total=len(scenes), desc="labels"))
+        rows = list(progress(pool.map(score, scenes), "labels", "scenes", len(scenes)))
     for name in rows[0]["iou"]:
         print(f"{name}: {format_summary([row['iou'][name] for row in rows])}")
     if args.json:

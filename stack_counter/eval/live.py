@@ -15,7 +15,6 @@ import time
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from tqdm import tqdm
 
 from stack_counter.child_processes import worker_pool
 from stack_counter.config import CollectorConfig, CounterConfig, ReconstructorConfig
@@ -25,6 +24,7 @@ from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.occupancy import make_estimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.pipeline import StackCounter
+from stack_counter.progress import progress
 from stack_counter.sim import Scene, record_fixed_camera, record_returning_camera, remove_parts
 from stack_counter.views.view_gate import ViewGate
 
@@ -61,8 +61,8 @@ def run(options: argparse.Namespace) -> int:
     scenes = read_filled_scenes(options.set, options.scenes)
     jobs = [(scene, options.picks, options.share, options.camera) for scene in scenes]
     with worker_pool(options.workers) as pool:
-        counts = [count for of_scene in tqdm(pool.map(_count_job, jobs), total=len(jobs),
-                                             unit=" scenes") for count in of_scene]
+        counts = [count for of_scene in progress(pool.map(_count_job, jobs), "counts", "scenes",
+                                                 len(jobs)) for count in of_scene]
     print(f"{options.set}: {len(scenes)} scenes, {options.camera} camera, {options.picks} picks\n"
           + format_table(counts))
     if options.json:

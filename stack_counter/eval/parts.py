@@ -15,7 +15,6 @@ import argparse
 import json
 from dataclasses import asdict, dataclass, replace
 
-from tqdm import tqdm
 from typing_extensions import override
 
 from stack_counter.child_processes import worker_pool
@@ -34,6 +33,7 @@ from stack_counter.parts.catalogue import Part
 from stack_counter.parts.gamma_model import Reading
 from stack_counter.parts.part_models import PartModels
 from stack_counter.pipeline import count_stack
+from stack_counter.progress import progress
 from stack_counter.sim import RECONSTRUCTED_KIND, SCENES_PER_RIG, Scene, read_scenes, reconstruct
 from stack_counter.teaching import (
     Pile,
@@ -52,14 +52,15 @@ def run(options: argparse.Namespace) -> int:
     # Models from CAD, and the volumes of all scans
     rigs = group_by_rig(list(read_scenes(find_set_folder(options.set))))[:options.rigs]
     options.cache.mkdir(parents=True, exist_ok=True)
-    models = {rig.number: _learn_models(rig, options) for rig in tqdm(rigs, desc="part add")}
+    models = {rig.number: _learn_models(rig, options)
+              for rig in progress(rigs, "part add", "rigs")}
     scenes = [scene for rig in rigs for scene in rig.scenes]
     with worker_pool(options.workers) as pool:
-        volumes = dict(zip((s.index for s in scenes), tqdm(
-            pool.map(_measure_volume, scenes), total=len(scenes), desc="scans", unit=" scans")))
+        volumes = dict(zip((s.index for s in scenes), progress(
+            pool.map(_measure_volume, scenes), "volumes", "scans", len(scenes))))
     # Counts by all that may be known of the part
     estimator, counts = CachedEstimator(make_estimator(CounterConfig())), []
-    for rig in tqdm(rigs, desc="counts", unit=" rigs"):
+    for rig in progress(rigs, "counts", "rigs"):
         scans = [(s, v) for s in rig.scenes if (v := volumes[s.index]) is not None]
         counts += count_all_ways(rig, scans, models[rig.number], estimator, options.confidence)
     print(format_table(rigs, counts, sum(v is None for v in volumes.values())))

@@ -14,8 +14,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
 
-from tqdm import tqdm
-
 from stack_counter.child_processes import worker_pool
 from stack_counter.config import CounterConfig
 from stack_counter.errors import StackCounterError, ViewError
@@ -23,6 +21,7 @@ from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.pipeline import StackCounter
+from stack_counter.progress import progress
 from stack_counter.sim import (
     HARD_KINDS,
     HardScan,
@@ -88,10 +87,10 @@ def run(options: argparse.Namespace) -> int:
     numbers = range(options.scenes) if options.only is None else [options.only]
     jobs = [(options.set, options.seed, number) for number in numbers]
     if options.workers == 1:
-        outcomes = [_count_job(job) for job in tqdm(jobs, unit=" scans")]
+        outcomes = [_count_job(job) for job in progress(jobs, "counts", "scans")]
     else:
         with worker_pool(options.workers) as pool:
-            outcomes = list(tqdm(pool.map(_count_job, jobs), total=len(jobs), unit=" scans"))
+            outcomes = list(progress(pool.map(_count_job, jobs), "counts", "scans", len(jobs)))
     for outcome in outcomes:
         if outcome.outcome in ("vague", "wrong") or options.only is not None:
             print(_format_outcome(outcome))

@@ -10,7 +10,6 @@ import argparse
 from dataclasses import dataclass
 
 import numpy as np
-from tqdm import tqdm
 
 from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
@@ -18,6 +17,7 @@ from stack_counter.errors import StackCounterError
 from stack_counter.eval.common import metrics
 from stack_counter.parts.template import scan_template
 from stack_counter.parts.template_model import shipped_template_model
+from stack_counter.progress import progress
 from stack_counter.sim import Shape, lay_out_pieces, load_shapes, record
 
 
@@ -65,9 +65,9 @@ def run(options: argparse.Namespace) -> int:
     """Prints the figures; returns the exit code."""
     shapes = load_shapes(options.library)
     with worker_pool(options.workers) as pool:
-        checks = list(tqdm(pool.map(measure_template, shapes, [options.pieces] * len(shapes),
-                                    [options.views] * len(shapes)),
-                           total=len(shapes), unit=" parts"))
+        checks = list(progress(pool.map(measure_template, shapes, [options.pieces] * len(shapes),
+                                        [options.views] * len(shapes)),
+                               "templates", "parts", len(shapes)))
     print(format_table(checks, f"{options.pieces} pieces and {options.views} views each"))
     return 0
 

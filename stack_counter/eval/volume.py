@@ -11,13 +11,13 @@ import json
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from tqdm import tqdm
 
 from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.pipeline import StackCounter
+from stack_counter.progress import progress
 from stack_counter.sim import RECONSTRUCTED_KIND, Scene, record
 from stack_counter.types import View
 
@@ -57,9 +57,10 @@ def run(options: argparse.Namespace) -> int:
     jobs = [(scene, options) for scene in read_filled_scenes(options.set, options.scenes)]
     if options.workers > 1:
         with worker_pool(options.workers) as pool:
-            cases = list(tqdm(pool.map(_measure_recording, jobs), total=len(jobs), unit=" scenes"))
+            cases = list(progress(pool.map(_measure_recording, jobs), "volumes", "scenes",
+                                  len(jobs)))
     else:
-        cases = [_measure_recording(job) for job in tqdm(jobs, unit=" scenes")]
+        cases = [_measure_recording(job) for job in progress(jobs, "volumes", "scenes")]
     print(f"{options.set}: {len(cases)} scenes, {options.views} views, seed {options.seed}, "
           f"{options.missing:.0%} of the depth missing, pose noise {options.pose_mm} mm and "
           f"{options.pose_deg} degrees")

@@ -9,16 +9,16 @@ import os
 import shutil
 import time
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 
-from tqdm import tqdm
-
 from stack_counter.child_processes import worker_pool
 from stack_counter.errors import StackCounterError
+from stack_counter.progress import progress_bar
 from stack_counter.sim.physics.drop import make_scene
 from stack_counter.sim.physics.recipes import Recipe
 from stack_counter.sim.scenes.scene import SceneError
@@ -48,7 +48,7 @@ class _Run:
         workers: number of processes.
         sizes: number of scenes by shard that are not made yet.
         failed: why a shard cannot be made, by its number.
-        bar: progress in scenes.
+        advance: takes the number of scenes that have been made.
     """
 
     out: Path
@@ -56,7 +56,7 @@ class _Run:
     recipe: Recipe
     workers: int
     sizes: dict[int, int]
-    bar: tqdm
+    advance: Callable[[int], object]
     failed: dict[int, str] = field(default_factory=dict)
 
 
@@ -88,9 +88,8 @@ def simulate(out: Path, scenes: int, workers: int, seed: int, plan: str = "mixed
     shards = range(-(-scenes // SCENES_PER_SHARD))
     sizes = {n: min(SCENES_PER_SHARD, scenes - n * SCENES_PER_SHARD) for n in shards}
     missing = {n: size for n, size in sizes.items() if not _is_whole(shard_path(out, n), size)}
-    with tqdm(total=scenes, initial=scenes - sum(missing.values()), unit=" scenes",
-              smoothing=0.05) as bar:
-        run = _Run(out, seed, recipe, workers, missing, bar)
+    with progress_bar("simulate", "scenes", scenes, scenes - sum(missing.values())) as advance:
+        run = _Run(out, seed, recipe, workers, missing, advance)
         for _ in range(_MAX_POOLS):
             _make_shards(run)
             if set(run.sizes) <= set(run.failed):
@@ -140,7 +139,7 @@ def _make_shards(run: _Run) -> None:
             number = jobs[job]
             try:
                 log.write(json.dumps(job.result()) + "\n")
-                run.bar.update(run.sizes.pop(number))
+                run.advance(run.sizes.pop(number))
             except BrokenProcessPool:
                 continue
             except Exception as error:  # whatever it was, the rest of the run survives

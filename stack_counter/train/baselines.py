@@ -17,13 +17,13 @@ from pathlib import Path
 
 import numpy as np
 from safetensors.numpy import save_file
-from tqdm import tqdm
 
 from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.occupancy.baselines import FORMAT, SETTINGS, normalized_height
 from stack_counter.pipeline import StackCounter
+from stack_counter.progress import progress
 from stack_counter.sim import Scene, read_shard, record
 
 _QUANTILES = 101
@@ -145,8 +145,8 @@ def main() -> int:
     options = parser.parse_args()
     paths = sorted(options.scenes.glob("shard_*.npz"))[:options.shards]
     with worker_pool(options.workers) as pool:
-        rows = [row for shard in tqdm(pool.map(measure_shard, paths), total=len(paths))
-                for row in shard]
+        rows = [row for shard in progress(pool.map(measure_shard, paths), "volumes", "shards",
+                                          len(paths)) for row in shard]
     options.out.with_suffix(".jsonl").write_text(
         "".join(json.dumps(asdict(row)) + "\n" for row in rows))
     found = [row for row in rows if row.found == _FOUND_AS[row.kind]]

@@ -13,10 +13,10 @@ import numpy as np
 import torch
 from torch import nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
-from tqdm import tqdm
 
 from stack_counter.occupancy.checkpoint import make_net
 from stack_counter.occupancy.gamma_net import GammaNet
+from stack_counter.progress import progress
 from stack_counter.train.data.batches import SETTINGS, draw_batches, make_input, target_tensor
 from stack_counter.train.data.heights import Sample
 
@@ -172,7 +172,7 @@ def train_member(net: nn.Module, data: TrainingData, held_out: TrainingData, con
         net.train()
         batches = draw_batches(data.samples, as_is, data.weights, config.batch, steps,
                                (config.seed, epoch), config.blind)
-        for x, y in tqdm(batches, total=steps, desc=f"{path.stem} epoch {epoch}", mininterval=30):
+        for x, y in progress(batches, f"{path.stem} epoch {epoch}", "steps", steps):
             total += training.step(x, y)
         # Evaluate the averaged weights and store all.
         line = {"epoch": epoch, "loss": total / steps,

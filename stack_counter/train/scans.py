@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from stack_counter.child_processes import worker_pool
+from stack_counter.progress import progress
 from stack_counter.sim import read_shard
 from stack_counter.train.data.fused import reconstruct_sample
 from stack_counter.train.data.heights import write_samples
@@ -59,7 +59,7 @@ def main() -> int:
                  for path in sorted(Path(folder).glob("shard_*.npz"))]
     jobs = [job for job in jobs if not job.out.exists()]
     with worker_pool(options.workers) as pool:
-        for _ in tqdm(pool.map(_store_scans, jobs), total=len(jobs), unit=" shards"):
+        for _ in progress(pool.map(_store_scans, jobs), "scans", "shards", len(jobs)):
             pass
     return 0
 

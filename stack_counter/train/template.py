@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 from scipy.optimize import minimize
-from tqdm import tqdm
 
 from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
@@ -28,6 +27,7 @@ from stack_counter.parts.template_model import (
     polynomial_features,
     relative_std,
 )
+from stack_counter.progress import progress
 from stack_counter.sim import lay_out_pieces, make_shape, record
 
 
@@ -138,8 +138,9 @@ def main() -> int:
     # Simulate the scans, unless they are stored.
     if not options.kept.exists():
         with worker_pool(options.workers) as pool:
-            made = [e for e in tqdm(pool.map(simulate_example, range(options.scans)),
-                                    total=options.scans, unit=" scans") if e is not None]
+            examples = progress(pool.map(simulate_example, range(options.scans)), "templates",
+                                "scans", options.scans)
+            made = [example for example in examples if example is not None]
         options.kept.parent.mkdir(parents=True, exist_ok=True)
         _save_examples(options.kept, made)
     examples = _load_examples(options.kept)

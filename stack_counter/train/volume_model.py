@@ -21,7 +21,6 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from stack_counter.child_processes import worker_pool
 from stack_counter.errors import ConfigError, StackCounterError
@@ -32,6 +31,7 @@ from stack_counter.fusion.volume_model import (
     read_volume_model,
     volume_model,
 )
+from stack_counter.progress import progress
 from stack_counter.sim import Scene, read_shard
 from stack_counter.train.data.volume_errors import (
     ARC,
@@ -161,7 +161,7 @@ def run_scans(jobs: Sequence[ScanJob], log: Path | None, workers: int
     missing = [job for job in jobs if job.key not in done]
     with worker_pool(workers) if workers > 1 else nullcontext() as pool:
         results = pool.map(run_scan, missing) if pool else map(run_scan, missing)
-        for line in tqdm(results, total=len(missing), unit=" scans"):
+        for line in progress(results, "volumes", "scans", len(missing)):
             done[line["scene"], line["views"]] = line
             if log:
                 with open(log, "a") as file:

@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from stack_counter.child_processes import worker_pool
 from stack_counter.container.wall_network import (
@@ -28,6 +27,7 @@ from stack_counter.container.wall_network import (
 )
 from stack_counter.container.wall_shapes import BoxWall, RoundWall
 from stack_counter.errors import ConfigError, ViewError
+from stack_counter.progress import progress
 from stack_counter.sim import Scene, read_shard, record
 from stack_counter.types import WallShape
 
@@ -125,7 +125,7 @@ def load_crops(folders: list[str], cache: Path, workers: int) -> WallCrops:
     missing = [job for job in jobs if not job[2].exists()]
     if missing:
         with worker_pool(workers) as pool:
-            for _ in tqdm(pool.map(_store_crops, missing), total=len(missing), unit=" shards"):
+            for _ in progress(pool.map(_store_crops, missing), "crops", "shards", len(missing)):
                 pass
     stored = [np.load(path) for _, _, path in jobs if path.exists()]
     crops, targets, scenes = (np.concatenate([file[name] for file in stored])
@@ -150,7 +150,7 @@ def train_wall_net(crops: np.ndarray, targets: np.ndarray, seed: int = 0,
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, SETTINGS.rate,
                                                    SETTINGS.epochs * steps + 1)
     net.train()
-    for _ in tqdm(range(SETTINGS.epochs), unit=" epochs"):
+    for _ in progress(range(SETTINGS.epochs), "training", "epochs"):
         order = random.permutation(len(crops))[:steps * batch]
         for rows in order.reshape(steps, -1) if len(order) >= batch else order[None]:
             x = torch.from_numpy(crops[rows].astype(np.float32))

@@ -12,7 +12,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from stack_counter.child_processes import worker_pool
 from stack_counter.config import CounterConfig
@@ -23,6 +22,7 @@ from stack_counter.eval.common.plot import plot_complexity
 from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
+from stack_counter.progress import progress
 from stack_counter.sim import Scene, ideal_surface, reconstruct
 from stack_counter.types import Container, HeightMap, StackVolume, ViewTally
 
@@ -51,9 +51,9 @@ def measure_cases(options: argparse.Namespace) -> list[Case]:
     jobs = [(scene, options.depth, options.views, options.confidence, options.weights)
             for scene in read_filled_scenes(options.set, options.scenes)]
     if options.workers == 1:
-        return [_measure_case(*job) for job in tqdm(jobs, unit=" scenes")]
+        return [_measure_case(*job) for job in progress(jobs, "cases", "scenes")]
     with worker_pool(options.workers) as pool:
-        return list(tqdm(pool.map(_measure_job, jobs), total=len(jobs), unit=" scenes"))
+        return list(progress(pool.map(_measure_job, jobs), "cases", "scenes", len(jobs)))
 
 
 def _measure_job(job: tuple) -> Case:

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from stack_counter.child_processes import worker_pool
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, make_maps
+from stack_counter.progress import progress
 from stack_counter.reconstruction.integral import fill_unknown_cells
 from stack_counter.sim import Scene, ideal_surface, read_shard
 
@@ -151,8 +151,8 @@ def load_samples(folders: list[Path], cache: Path, workers: int) -> list[Sample]
     missing = [job for job in jobs if not job[1].exists()]
     if missing:
         with worker_pool(workers) as pool:
-            for _ in tqdm(pool.map(_store_shard, missing), total=len(missing), unit=" shards",
-                          desc="height maps"):
+            for _ in progress(pool.map(_store_shard, missing), "height maps", "shards",
+                              len(missing)):
                 pass
     return [sample for _, stored in jobs for sample in read_samples(stored)]
 
