@@ -19,7 +19,14 @@ from typing import Any
 
 from stack_counter.bag.bag_views import BagViews
 from stack_counter.bag.feeding import feed_cycles, feed_scan
-from stack_counter.bag.replayed import Replayed, count_entry, no_count_line, require_count
+from stack_counter.bag.replayed import (
+    Replayed,
+    count_entry,
+    failed_cycle_entry,
+    no_count_line,
+    replayed_cycles,
+    require_count,
+)
 from stack_counter.config import Config, load_config
 from stack_counter.counting import with_reasons
 from stack_counter.errors import ConfigError, ScanError
@@ -135,7 +142,7 @@ def _replay_scan(bag: BagViews, counters: RegionCounters, settings: _CountSettin
             results.append(Replayed(count, entries[measured.region], region=measured.region))
         except ScanError as error:
             line = no_count_line(str(error), tally, bag.assembler.last_errors)
-            results.append(Replayed(None, entries[measured.region], (line,), measured.region))
+            results.append(Replayed(None, entries[measured.region], line, measured.region))
     return results
 
 
@@ -144,22 +151,19 @@ def _replay_cycles(bag: BagViews, counters: RegionCounters, settings: _CountSett
     """Counts every region in each cycle of a rig's cameras; the last count is the result's."""
     last: dict[str, StackCount] = {}
     entries: dict[str, list[dict[str, Any]]] = {name: [] for name in counters.counters}
-    errors: dict[str, list[str]] = {name: [] for name in counters.counters}
     for cycle in feed_cycles(counters, bag, settings.part.unit_volume, on_view):
         for measured in counters.volumes():
             name = measured.region
             try:
                 count = settings.count(measured.with_missing_cameras(cycle.missing_cameras))
             except ScanError as error:
-                errors[name].append(f"cycle at {cycle.stamp_ns} ns: {error}")
+                entries[name].append(failed_cycle_entry(cycle.stamp_ns, str(error),
+                                                        cycle.missing_cameras))
                 continue
             last[name] = _with_bag(count, bag)
             entries[name].append(count_entry(count))
-    for name in counters.counters.keys() - last.keys():
-        why = errors[name][0] if errors[name] else "0 cycles; expected one or more"
-        errors[name] = [no_count_line(why, bag.assembler.tally, bag.assembler.last_errors)]
-    return [Replayed(last.get(name), entries[name], tuple(errors[name]), name)
-            for name in counters.counters]
+    return [replayed_cycles(name, entries[name], last.get(name), bag.assembler.tally,
+                            bag.assembler.last_errors) for name in counters.counters]
 
 
 def _with_bag(count: StackCount, bag: BagViews, tally: ViewTally | None = None) -> StackCount:

@@ -18,14 +18,15 @@ class Replayed:
     Attributes:
         count: the final one; None where the region gives none.
         counts: `{stamp_ns, count, count_interval}`, one for each view used in continuous mode,
-            one for each cycle in cycle mode.
-        errors: one line for each cycle that gave no count; the reason where `count` is None.
+            one for each cycle in cycle mode; of a cycle without a count both are None, and
+            `error` says why.
+        error: why `count` is None, one line; empty where there is one.
         region: its name; empty where the settings name none.
     """
 
     count: StackCount | None
     counts: list[dict[str, Any]] = field(default_factory=list)
-    errors: tuple[str, ...] = ()
+    error: str = ""
     region: str = ""
 
 
@@ -38,8 +39,8 @@ def require_count(results: Iterable[Replayed]) -> list[Replayed]:
     results = list(results)
     if any(result.count is not None for result in results):
         return results
-    raise ScanError("; ".join(f"region {result.region}: {result.errors[0]}" if result.region
-                              else result.errors[0] for result in results))
+    raise ScanError("; ".join(f"region {result.region}: {result.error}" if result.region
+                              else result.error for result in results))
 
 
 def count_entry(count: StackCount) -> dict[str, Any]:
@@ -48,6 +49,40 @@ def count_entry(count: StackCount) -> dict[str, Any]:
     return {"stamp_ns": count.volume.stamp_ns, "count": count.count,
             "count_interval": list(count.count_interval),
             **({"missing_cameras": missing} if missing else {})}
+
+
+def failed_cycle_entry(stamp_ns: int, error: str, missing_cameras: Iterable[str]
+                       ) -> dict[str, Any]:
+    """The entry of a cycle that gives no count.
+
+    Args:
+        stamp_ns: of its first view.
+        error: why, one line.
+        missing_cameras: names of the cameras that gave it no view.
+    """
+    missing = list(missing_cameras)
+    return {"stamp_ns": stamp_ns, "count": None, "count_interval": None, "error": error,
+            **({"missing_cameras": missing} if missing else {})}
+
+
+def replayed_cycles(region: str, entries: list[dict[str, Any]], last: StackCount | None,
+                    tally: ViewTally, hints: list[str]) -> Replayed:
+    """What a bag of cycles gives for one region: one failed cycle takes nothing from the others.
+
+    Args:
+        region: its name; empty where the settings name none.
+        entries: of all cycles.
+        last: last of their counts; None where none has one.
+        tally: of all images.
+        hints: what else may be said where there is no count.
+    """
+    if last is not None:
+        return Replayed(last, entries, region=region)
+    why = "0 cycles; expected one or more"
+    if entries:
+        others = f"; none of {len(entries)} cycles gives a count" if len(entries) > 1 else ""
+        why = f"cycle at {1e-9 * entries[0]['stamp_ns']:.3f} s: {entries[0]['error']}{others}"
+    return Replayed(None, entries, no_count_line(why, tally, hints), region)
 
 
 def no_count_line(error: str, tally: ViewTally, hints: list[str]) -> str:

@@ -30,7 +30,7 @@ def _cells(result: Replayed) -> str:
     """Returns a result without its name; of a region without a count, the reason."""
     count = result.count
     if count is None:
-        return f"    -  no count: {result.errors[0]}"
+        return f"    -  no count: {result.error}"
     low, high = count.count_interval
     return (f"{count.count:>5}  {f'{low} to {high}':<12}  {1e6 * count.volume.stack_volume:>7.1f}"
             f"  {count.status:<8}  {container_text(count.volume.container)}")
@@ -47,7 +47,7 @@ def regions_as_dict(results: Sequence[Replayed]) -> dict[str, Any]:
 
 def _as_dict(result: Replayed) -> dict[str, Any]:
     if result.count is None:
-        return {"count": None, "status": "error", "error": result.errors[0]}
+        return {"count": None, "status": "error", "error": result.error}
     return as_dict(result.count, result.counts)
 
 

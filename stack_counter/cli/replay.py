@@ -10,7 +10,7 @@ import time
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from stack_counter.cli.common import add_config_argument, require_bag
 from stack_counter.config import Config, CounterConfig, build_section, load_config, setting_choices
@@ -131,17 +131,28 @@ def _count(options: argparse.Namespace, config: Config, part: Part, begin: float
 
 
 def _print_lines(config: Config, results: list[Replayed]) -> None:
-    """Prints what gave no count to stderr, and in cycle mode the count of every cycle."""
+    """Prints a row for every cycle, and what gave no count to stderr too."""
     for result in results:
         of_region = f"region {result.region}: " if result.region else ""
-        for error in result.errors:
-            print(f"stack-counter: {of_region}{error}", file=sys.stderr)
+        if result.error:
+            print(f"stack-counter: {of_region}{result.error}", file=sys.stderr)
         for entry in result.counts if config.collector.mode == "cycle" else ():
-            low, high = entry["count_interval"]
-            print(f"{of_region}cycle at {entry['stamp_ns'] / 1e9:.3f} s: {entry['count']} parts, "
-                  f"between {low} and {high}"
-                  + (f", without {', '.join(entry['missing_cameras'])}"
-                     if "missing_cameras" in entry else ""))
+            row = of_region + _cycle_text(entry)
+            print(row)
+            if "error" in entry:
+                print(f"stack-counter: {row}", file=sys.stderr)
+
+
+def _cycle_text(entry: dict[str, Any]) -> str:
+    """Returns the row of one cycle, an entry of `Replayed.counts`."""
+    without = f", without {', '.join(entry['missing_cameras'])}" if "missing_cameras" in entry \
+        else ""
+    if "error" in entry:
+        said = f"no count{without}: {entry['error']}"
+    else:
+        low, high = entry["count_interval"]
+        said = f"{entry['count']} parts, between {low} and {high}{without}"
+    return f"cycle at {entry['stamp_ns'] / 1e9:.3f} s: {said}"
 
 
 def _show_result(options: argparse.Namespace, result: Replayed) -> None:

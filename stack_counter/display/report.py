@@ -31,7 +31,7 @@ def as_dict(count: StackCount, counts: list[dict[str, Any]]) -> dict[str, Any]:
 
     Args:
         count: final count; its `seconds` hold the stages.
-        counts: `{stamp_ns, count, count_interval}` for each view, in continuous mode.
+        counts: entries as `Replayed.counts`.
     """
     volume, container = count.volume, count.volume.container
     quaternion = geometry.quaternion_from_pose(container.T_world_container)

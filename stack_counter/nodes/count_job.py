@@ -151,7 +151,7 @@ class CountJobRunner:
             return Outcome("cancelled")
         if cause == "regions":
             return Outcome("the reconstructor names regions, and a request asks for one count; "
-                           "expected no regions, or start_scan and stop_scan: the topic count "
+                           "expected no regions, or start_scan and stop_scan: the topic result "
                            "then has a count for each")
         # Wait for its count, and judge it.
         count = await self._wait_for(job.final_count, TIMEOUTS.count_s)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Counter node: `volume` in, `count` out; the action `count_stack` runs a whole scan."""
+"""Counter node: `volume` in, `result` out; the action `count_stack` runs a whole scan."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from visualization_msgs.msg import MarkerArray
 from stack_counter.config import CounterConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.nodes.count_action import CountAction
+from stack_counter.nodes.count_publishers import CountPublishers
 from stack_counter.occupancy import make_estimator
 from stack_counter.parts.catalogue import resolve_part
 from stack_counter.pipeline import count_stack
@@ -50,7 +51,7 @@ class CounterNode(ManagedNode[CounterConfig]):
         self._check_part(config)
         self._estimator = make_estimator(config)
         self._last: dict[str, StackCount] = {}  # of the last scan, by region
-        self._count = self.advertise(StackCount, "count", LATCHED_ALL)
+        self._counts = CountPublishers(self)
         self._marker = self.advertise(MarkerArray, "count_marker", LATCHED_NEWEST)
         # Of the last stack of each region: an error is written there as well.
         self._text_places: dict[str, TextPlace] = {}
@@ -89,7 +90,7 @@ class CounterNode(ManagedNode[CounterConfig]):
         # Publish the count, and show it above the stack.
         self._last = {region: last for region, last in self._last.items()
                       if last.scan_id == count.scan_id} | {count.region: count}
-        self._count.publish(count)
+        self._counts.publish(count)
         self._log_count(count)
         self._action.on_count(count)
         self._publish_markers(text_place(message), count.region)

@@ -19,7 +19,7 @@ from stack_counter.display.report import write_report
 from stack_counter.errors import ScanError
 from stack_counter.ros.conversions import from_stack_count
 from stack_counter.ros.lifecycle import ManagedNode
-from stack_counter.ros.qos import LATCHED_ALL
+from stack_counter.ros.qos import LATCHED_ALL, RELIABLE
 from stack_counter.types import StackCount, StackVolume
 from stack_counter.views.decoding import stamp_ns
 
@@ -86,7 +86,8 @@ class ReportService:
             maxlen=SETTINGS.max_waiting * max(1, regions))
         self._last = ReportedScan("", {})
         self._error = "nothing was counted yet; expected a scan and a counter"
-        node.subscribe(StackCountMsg, "count", self._on_count, LATCHED_ALL)
+        node.subscribe(StackCountMsg, "result", self._on_count, LATCHED_ALL)
+        node.subscribe(StackCountMsg, "running_count", self._on_count, RELIABLE)
         node.add_service(Trigger, "write_report", self._on_write_report)
 
     def keep_volume(self, scan_id: str, final: bool, volume: StackVolume) -> None:

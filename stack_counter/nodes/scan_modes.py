@@ -12,7 +12,7 @@ from stack_counter.nodes.scan_events import Problem, ScanEvent, ScanOpened, View
 from stack_counter.nodes.scan_queue import QueuedScan
 from stack_counter.nodes.scan_session import ScanSession, ViewSource
 from stack_counter.types import View
-from stack_counter.views.cycles import Cycle, CycleGrouper
+from stack_counter.views.cycles import Cycle, CycleGrouper, cycle_scan_id
 from stack_counter.views.rig import Rig
 
 
@@ -138,7 +138,7 @@ class CycleScans(ScanSession):
 
     def _close_cycle(self, cycle: Cycle) -> list[ScanEvent]:
         """Makes a cycle a scan of its own, with all its views there."""
-        scan = QueuedScan(f"cycle_{cycle.stamp_ns}", *self.requested_part())
+        scan = QueuedScan(cycle_scan_id(cycle.stamp_ns), *self.requested_part())
         for camera in self._cycles.cameras:
             if camera in cycle.views:
                 scan.add(camera, cycle.views[camera])

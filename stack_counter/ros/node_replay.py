@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -21,16 +22,20 @@ from stack_counter.bag.reader import BagReader
 from stack_counter.bag.replayed import (
     Replayed,
     count_entry,
+    failed_cycle_entry,
     no_count_line,
+    replayed_cycles,
     require_count,
 )
 from stack_counter.config import CollectorConfig, Config
 from stack_counter.counting import with_reasons
 from stack_counter.ros.conversions import from_stack_count, from_stack_volume, from_tally
+from stack_counter.ros.heard_counts import HeardCounts
 from stack_counter.ros.player import Player
 from stack_counter.ros.private_domain import PrivateDomain
 from stack_counter.ros.processes import NodeProcesses
-from stack_counter.types import Reason
+from stack_counter.types import Reason, StackCount, ViewTally
+from stack_counter.views.cycles import cycle_stamp_ns
 from stack_counter.views.rig import Rig, load_rig
 from stack_counter.views.rig_assembler import RigAssembler
 
@@ -86,17 +91,17 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
         player.wait_for_nodes()
         loaded = time.perf_counter()
         # Play the scan.
-        scan_id = player.start_scan(part, unit_volume)
+        player.start_scan(part, unit_volume)
         player.play(reader, rate, on_view)
         played = time.perf_counter()
         # Wait for its counts.
-        final = player.stop_scan(scan_id)
+        scan_id = player.stop_scan()
     seconds = {"load": loaded - begin, "read": played - loaded,
                "total": time.perf_counter() - begin}
-    entries = config.reconstructor.live or config.collector.mode == "cycle"
-    return require_count(
-        _collect_result(final[region], player, reader.truncated, bool(entries), seconds)
-        for region in regions)
+    results = [_collect_cycles(player.heard, region) if config.collector.mode == "cycle"
+               else _collect_scan(player.heard, region, scan_id, config.reconstructor.live)
+               for region in regions]
+    return require_count(_finish_result(result, reader.truncated, seconds) for result in results)
 
 
 def _fit_collector(config: CollectorConfig, rig: Rig, reader: BagReader) -> CollectorConfig:
@@ -143,29 +148,48 @@ def _spin(executor: SingleThreadedExecutor) -> None:
         pass
 
 
-def _collect_result(final: StackCountMsg, player: Player, truncated: bool, entries: bool,
-                    seconds: dict[str, float]) -> Replayed:
-    """Returns what the nodes have counted in one region.
-
-    Args:
-        final: the region's last count.
-        player: has all counts and the last volumes.
-        truncated: the bag was cut short.
-        entries: list the counts of all views or cycles.
-        seconds: time spent here by stage, s.
-    """
-    counts = [message for message in player.counts if message.region == final.region]
-    by_stamp = {entry["stamp_ns"]: entry for entry in
-                (_count_entry(message) for message in counts if not message.error)}
-    listed = list(by_stamp.values()) if entries else []
+def _collect_scan(heard: HeardCounts, region: str, scan_id: str, live: bool) -> Replayed:
+    """Returns what the nodes have counted in one region of a scan; `live`: list all its counts."""
+    counts = [count for count in heard.counts[region] if count.scan_id == scan_id]
+    final = next(count for count in counts if count.final)
+    # Running counts may have come after the final one, which has the stamp of the last of them.
+    ordered = sorted(counts, key=lambda count: count.final)
+    by_stamp = {entry["stamp_ns"]: entry for entry in map(
+        _count_entry, (count for count in ordered if live and not count.error))}
     if final.error:
         line = no_count_line(final.error, from_tally(final.views), [])
-        return Replayed(None, listed, (line,), final.region)
-    count = from_stack_count(final, from_stack_volume(player.volumes[final.region]))
+        return Replayed(None, list(by_stamp.values()), line, region)
+    return Replayed(_last_count(heard, region), list(by_stamp.values()), region=region)
+
+
+def _collect_cycles(heard: HeardCounts, region: str) -> Replayed:
+    """Returns what the nodes have counted in one region of a rig's cycles: all final counts."""
+    finals = [count for count in heard.counts[region] if count.final]
+    entries = [failed_cycle_entry(cycle_stamp_ns(count.scan_id), count.error,
+                                  count.missing_cameras) if count.error else _count_entry(count)
+               for count in finals]
+    tallies = [from_tally(count.views) for count in finals]
+    tally = ViewTally(sum(t.received for t in tallies), sum(t.used for t in tallies),
+                      dict(sum((Counter(t.skipped) for t in tallies), Counter())))
+    return replayed_cycles(region, entries, _last_count(heard, region), tally, [])
+
+
+def _last_count(heard: HeardCounts, region: str) -> StackCount | None:
+    """Returns the last count of a region with its volume; None if there is none."""
+    if region not in heard.last:
+        return None
+    count, volume = heard.last[region]
+    return from_stack_count(count, from_stack_volume(volume))
+
+
+def _finish_result(result: Replayed, truncated: bool, seconds: dict[str, float]) -> Replayed:
+    """Returns a result that says what is known here: a bag cut short, and time spent, s."""
+    count = result.count
+    if count is None:
+        return result
     if truncated:
         count = with_reasons(count, Reason.BAG_TRUNCATED)
-    return Replayed(replace(count, seconds={**count.seconds, **seconds}), listed,
-                    tuple(message.error for message in counts if message.error), final.region)
+    return replace(result, count=replace(count, seconds={**count.seconds, **seconds}))
 
 
 def _count_entry(message: StackCountMsg) -> dict:

@@ -19,9 +19,14 @@ from stack_counter_msgs.srv import StartScan, StopScan
 from std_srvs.srv import Trigger
 
 from stack_counter.bag.reader import BagReader
+from stack_counter.bag.replayed import no_count_line
 from stack_counter.config import NAMESPACE
+from stack_counter.errors import ScanError
+from stack_counter.ros.conversions import from_skips
+from stack_counter.ros.heard_counts import HeardCounts
 from stack_counter.ros.processes import NodeError, NodeProcesses
-from stack_counter.ros.qos import LATCHED_ALL
+from stack_counter.ros.qos import LATCHED_ALL, RELIABLE
+from stack_counter.types import ViewTally
 
 
 @dataclass(frozen=True)
@@ -56,8 +61,7 @@ class Player(Node):
     """Publishes a bag's records, at most some images ahead of the nodes.
 
     Attributes:
-        volumes: last volume that the reconstructor has published of each region, by its name.
-        counts: all counts that the counter has published.
+        heard: what the nodes have measured and counted.
     """
 
     def __init__(self, nodes: NodeProcesses, color_topics: set[str], topics: dict[str, str],
@@ -82,14 +86,14 @@ class Player(Node):
         self._cycle_ns, self._cycle_begin_ns = cycle_ns, -2 * cycle_ns
         self._cycle_sizes: dict[str, int] = {}  # number of images of each cycle that is closed
         self._images_finished = 0  # of cycles that the reconstructor has finished
-        self.volumes = {region: StackVolume() for region in regions}
-        self.counts: list[StackCount] = []
+        self.heard = HeardCounts(regions)
         self._record_publishers: dict[str, Publisher] = {
             topic: self.create_publisher(message_type(kind), topic, record_qos(topic, kind))
             for topic, kind in topics.items()}
         self.create_subscription(ScanStatus, "scan_status", self._on_status, QoSProfile(depth=500))
         self.create_subscription(StackVolume, "volume", self._on_volume, LATCHED_ALL)
-        self.create_subscription(StackCount, "count", self._on_count, LATCHED_ALL)
+        self.create_subscription(StackCount, "result", self._on_count, LATCHED_ALL)
+        self.create_subscription(StackCount, "running_count", self._on_count, RELIABLE)
         self._start = self.create_client(StartScan, "start_scan")
         self._stop = self.create_client(StopScan, "stop_scan")
         self._reset = self.create_client(Trigger, "reset")
@@ -112,12 +116,12 @@ class Player(Node):
 
     def _on_volume(self, message: StackVolume) -> None:
         with self._changed:
-            self.volumes[message.region] = message
+            self.heard.add_volume(message)
             self._changed.notify_all()
 
     def _on_count(self, message: StackCount) -> None:
         with self._changed:
-            self.counts.append(message)
+            self.heard.add_count(message)
             self._changed.notify_all()
 
     def wait_until(self, condition: Callable[[], bool], seconds: float) -> bool:
@@ -154,14 +158,14 @@ class Player(Node):
         return (self._start.service_is_ready() and self._stop.service_is_ready()
                 and self._reset.service_is_ready()
                 and all(p.get_subscription_count() for p in self._record_publishers.values())
-                and bool(self.count_publishers("volume")) and bool(self.count_publishers("count"))
+                and bool(self.count_publishers("volume")) and bool(self.count_publishers("result"))
                 and bool(self.count_subscribers("posed_images"))
                 and self.count_subscribers("volume") >= 2)
 
     # --- the scan -----------------------------------------------------------------------------
 
-    def start_scan(self, part: str, unit_volume: float) -> str:
-        """Starts a scan of which the collector receives every topic; returns its id.
+    def start_scan(self, part: str, unit_volume: float) -> None:
+        """Starts a scan of which the collector receives every topic.
 
         Args:
             part: name in the catalogue, or "".
@@ -178,7 +182,7 @@ class Player(Node):
                 raise NodeError(f"start_scan refused: {answer.message}")
             unmatched = set(answer.unmatched_topics) & set(self._record_publishers)
             if not unmatched:
-                return answer.scan_id
+                return
             # The scan would lack what is played on these topics: begin it anew.
             self._call(self._reset, Trigger.Request())
             self._sleep(0.1)
@@ -216,26 +220,25 @@ class Player(Node):
                         SETTINGS.stall_timeout_s)
         self.wait_until(lambda: self._images_ahead() <= 0, SETTINGS.settle_s)
 
-    def stop_scan(self, scan_id: str) -> dict[str, StackCount]:
-        """Ends the scan, or the last cycle; returns the final count of each region, by its name.
+    def stop_scan(self) -> str:
+        """Ends the scan, or the last cycle, and waits for its counts; returns its id.
 
         Raises:
+            ScanError: there is none, since no image has come.
             NodeError: there is no count in time, or a node has ended.
         """
         stopped = self._call(self._stop, StopScan.Request())
-        scan_id = stopped.scan_id or scan_id
-
-        def final_counts() -> dict[str, StackCount]:
-            return {count.region: count for count in self.counts
-                    if count.final and count.scan_id == scan_id}
-
-        def is_counted() -> bool:
-            return final_counts().keys() == self.volumes.keys() and all(
-                volume.final and volume.scan_id == scan_id for volume in self.volumes.values())
-
-        if not self.wait_until(is_counted, SETTINGS.count_timeout_s):
-            raise NodeError(f"no count of scan '{scan_id}' within {SETTINGS.count_timeout_s} s")
-        return final_counts()
+        if not stopped.accepted:
+            status = self._collector
+            tally = ViewTally(status.received, skipped=from_skips(status))
+            raise ScanError(no_count_line(stopped.message, tally, []))
+        if not self.wait_until(lambda: self.heard.has_ended(stopped.scan_id),
+                               SETTINGS.count_timeout_s):
+            raise NodeError(f"no count of scan '{stopped.scan_id}' within "
+                            f"{SETTINGS.count_timeout_s} s")
+        # Running counts come on another topic, and may come later than the final one.
+        self.wait_until(lambda: self.heard.is_settled, SETTINGS.settle_s)
+        return stopped.scan_id
 
     def _call(self, client: Any, request: Any) -> Any:
         """Returns a service's answer."""

@@ -11,7 +11,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 RELIABLE = QoSProfile(depth=100, history=HistoryPolicy.KEEP_LAST,
                       reliability=ReliabilityPolicy.RELIABLE)
 # Latched topics give their last messages to whoever subscribes later. Deep enough that a running
-# result of the continuous mode is not overwritten before it is delivered.
+# volume of the continuous mode is not overwritten before it is delivered.
 LATCHED = QoSProfile(depth=20, history=HistoryPolicy.KEEP_LAST,
                      reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -26,11 +26,14 @@ def latched(regions: int) -> QoSProfile:
                       durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-# Latched, but the last one only: what is shown takes some MB and replaces what was shown before.
+# Latched, but the last one only: a result, or what is shown; it replaces the one before.
 LATCHED_NEWEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # For readers of a latched topic that must not lose any message of it, in live mode as well.
 LATCHED_ALL = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DIAGNOSTICS = QoSProfile(depth=10)
+# The topics of final counts. Both carry the same: `count` is what `result` was called, and goes
+# with the next release.
+FINAL_TOPICS = ("result", "count")
 
 
 def profile_that_hears(publishers: Sequence[QoSProfile]) -> QoSProfile:

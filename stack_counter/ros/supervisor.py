@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts the three nodes and keeps them running: `stack-counter run`, where launch is not there.
 
-A node that dies is started again; a scan that it had is reported as lost, on the topic that its
-count would have come on.
+A node that dies is started again; a scan that it had is reported as lost, where its count would
+have come.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from stack_counter_msgs.msg import ScanStatus, StackCount
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from stack_counter_msgs.msg import ScanStatus, StackCount, StackVolume
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from stack_counter.config import NAMESPACE, load_config
 from stack_counter.ros.diagnostics import ERROR, OK, to_array
 from stack_counter.ros.processes import NODES, SupervisedProcess
-from stack_counter.ros.qos import DIAGNOSTICS, LATCHED, RELIABLE
+from stack_counter.ros.qos import DIAGNOSTICS, FINAL_TOPICS, LATCHED_ALL, RELIABLE
 
 
 @dataclass(frozen=True)
@@ -59,10 +60,11 @@ class Supervisor(Node):
         self._open_scan = ""  # id of the scan of which a final count has not come
         self._closed_scan = ""  # id of the scan before
         self._last_death, self._died_at = "", -SETTINGS.error_shown_s
-        self._count = self.create_publisher(StackCount, "count", LATCHED)
+        self._lost_scan = ""  # id of the scan that was reported as lost last
+        self._advertise_losses()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
         self.create_subscription(ScanStatus, "scan_status", self._on_status, RELIABLE)
-        self.create_subscription(StackCount, "count", self._on_count, LATCHED)
+        self.create_subscription(StackCount, "result", self._on_result, LATCHED_ALL)
         self._resets = [self.create_client(Trigger, name)
                         for name in ("reset", "reset_reconstruction")]
         self._processes = [SupervisedProcess(name, parameters) for name in NODES]
@@ -80,8 +82,10 @@ class Supervisor(Node):
             # reconstructor reports it with every view.
             self._open_scan = message.scan_id
 
-    def _on_count(self, message: StackCount) -> None:
-        if message.final and message.scan_id == self._open_scan:
+    def _on_result(self, message: StackCount) -> None:
+        if self._lost_scan and message.scan_id != self._lost_scan:
+            self._withdraw_losses()
+        if message.scan_id == self._open_scan:
             self._counted.add(message.region)
             if self._counted >= set(self._regions):
                 self._close_scan()
@@ -106,16 +110,45 @@ class Supervisor(Node):
         pause_s = max(process.restart_at - time.monotonic(), 0)
         self.get_logger().error(f"{self._last_death}; it starts again in {pause_s:.0f} s")
         if self._open_scan:
-            error = f"scan '{self._open_scan}' lost: {self._last_death}"
-            self.get_logger().error(error)
-            for region in [name for name in self._regions if name not in self._counted]:
-                self._count.publish(StackCount(
-                    header=self._header_now(), scan_id=self._open_scan, region=region, final=True,
-                    status=StackCount.STATUS_ERROR, error=error))
+            self._report_lost(f"scan '{self._open_scan}' lost: {self._last_death}")
             self._close_scan()
         for client in self._resets:
             if client.service_is_ready():
                 client.call_async(Trigger.Request())
+
+    # --- scans that are lost ------------------------------------------------------------------
+
+    def _advertise_losses(self) -> None:
+        qos = QoSProfile(depth=len(self._regions), durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._volume = self.create_publisher(StackVolume, "volume", qos)
+        self._results = [self.create_publisher(StackCount, topic, qos) for topic in FINAL_TOPICS]
+
+    def _report_lost(self, error: str) -> None:
+        """Reports the open scan as one without a volume; without a counter, as one without count.
+
+        The counter, if it runs, makes results of it as of every other scan, and ends a request.
+        """
+        self.get_logger().error(error)
+        counting = any(process.name == "counter" and process.running
+                       for process in self._processes)
+        for region in [name for name in self._regions if name not in self._counted]:
+            fields = {"header": self._header_now(), "scan_id": self._open_scan, "region": region,
+                      "final": True, "error": error}
+            if counting:
+                self._volume.publish(StackVolume(**fields))
+            else:
+                for publisher in self._results:
+                    publisher.publish(StackCount(status=StackCount.STATUS_ERROR, **fields))
+        self._lost_scan = self._open_scan
+
+    def _withdraw_losses(self) -> None:
+        """Unlatches what was reported as lost: there is a newer result."""
+        for publisher in (self._volume, *self._results):
+            self.destroy_publisher(publisher)
+        self._lost_scan = ""
+        self._advertise_losses()
+
+    # --- what is published --------------------------------------------------------------------
 
     def _publish_diagnostics(self) -> None:
         recent = time.monotonic() - self._died_at < SETTINGS.error_shown_s

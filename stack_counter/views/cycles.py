@@ -26,6 +26,16 @@ class Cycle:
     open_since: float = field(default_factory=awake_time)
 
 
+def cycle_scan_id(stamp_ns: int) -> str:
+    """Returns the id of the scan that a cycle is; `stamp_ns`: of its first view."""
+    return f"cycle_{stamp_ns}"
+
+
+def cycle_stamp_ns(scan_id: str) -> int:
+    """Returns the stamp of a cycle's first view, ns, of the id of the scan that it is."""
+    return int(scan_id.removeprefix("cycle_"))
+
+
 class CycleGrouper:
     """Groups views into cycles and closes those that are over.
 

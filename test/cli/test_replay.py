@@ -9,6 +9,7 @@ import pytest
 from kits.bags import FRAME, bag, bin_views
 from kits.command import run
 from kits.painted import marks, painted, unlabelled
+from kits.station import station
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 UNIT = ["--unit-volume-cm3", "1.5"]
@@ -202,3 +203,11 @@ def test_prompts_go_to_sam2_if_the_settings_say_so(tmp_path, capsys):
     code, _, err = run(capsys, "replay", bag(tmp_path), *UNIT, "--direct", "--config", config,
                        "--prompts", prompts_file(tmp_path, {"parts": {"points": [[80, 60]]}}))
     assert code == 2 and "no folder" in err and "SAM 2" in err
+
+
+def test_cycles_of_which_none_counts_say_why_and_how_many(tmp_path, capsys):
+    recording, settings = station(tmp_path, cycles=2, failed=(0, 1))
+    code, out, error = run(capsys, "replay", recording, *UNIT, "--config", settings, "--direct")
+    assert (code, out) == (3, "") and "\n" not in error
+    assert error.startswith("stack-counter: cycle at 1.000 s: 1 views used of 1")
+    assert "none of 2 cycles gives a count; 2 images in the bag" in error

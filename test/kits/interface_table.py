@@ -1,17 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of topics, services and actions in docs/interface.md."""
 
+import re
 from pathlib import Path
 
 SPACE = "/stack_counter"
 TABLE = Path(__file__).parents[2] / "docs" / "interface.md"
 
 
+def _rows():
+    """The cells of each row, without those of other tables."""
+    rows = [[cell.strip().strip("`") for cell in line.split("|")[1:-1]]
+            for line in TABLE.read_text().splitlines()
+            if line.startswith("| ") and not line.startswith("| node")]
+    return [row for row in rows if len(row) == 5]
+
+
 def table():
     """(node, how, name, type) of each row."""
-    rows = [line.split("|")[1:5] for line in TABLE.read_text().splitlines()
-            if line.startswith("| ") and not line.startswith("| node")]
-    return {tuple(cell.strip().strip("`") for cell in row) for row in rows}
+    return {tuple(row[:4]) for row in _rows()}
+
+
+def latched():
+    """Full names of the topics that are published latched."""
+    return {full(name) for _, how, name, _, note in _rows()
+            if how == "publishes" and re.search(r"(?<!not )latched", note)}
 
 
 def full(name):

@@ -54,7 +54,7 @@ class Station:
         self.status: dict[str, ScanStatus] = {}
         node.create_subscription(ScanStatus, f"{SPACE}/scan_status",
                                  lambda m: self.status.__setitem__(m.node, m), 100)
-        self.counts = self.ros.collect_messages(StackCount, f"{SPACE}/count", LATCHED)
+        self.counts = self.ros.collect_messages(StackCount, f"{SPACE}/result", LATCHED)
         self.settings = {"counter": {"estimator": estimator}}
         self.processes = {name: self.ros.start(name, **self.settings.get(name, {}))
                           for name in NODES}

@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from kits.harness import LATCHED
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from stack_counter_msgs.msg import StackCount
@@ -45,7 +44,7 @@ def test_a_count_after_every_pick_without_asking(ros):
     ros.start("collector", mode="continuous", unit_volume_m3=scene.truth.unit_volume)
     ros.start("reconstructor", live=True)
     ros.start("counter", estimator="depth_corrected")
-    counts = ros.collect_messages(StackCount, "/stack_counter/count", LATCHED)
+    counts = ros.collect_messages(StackCount, "/stack_counter/running_count")
     ros.wait_for_subscribers(color, depth, info, static)
     for view in views:
         header = to_header(view.stamp_ns, view.camera)

@@ -17,18 +17,24 @@ from visualization_msgs.msg import MarkerArray
 from stack_counter.types import Reason
 
 SPACE = "/stack_counter"
+# Who comes late, with the usual profile of latched topics: prints what it gets, until a second has
+# brought nothing more.
 LATE = """
+import sys
 import rclpy
 from rclpy.qos import QoSProfile, DurabilityPolicy
 from stack_counter_msgs.msg import StackCount
 rclpy.init()
 node = rclpy.create_node("late")
 got = []
-node.create_subscription(StackCount, "/stack_counter/count", got.append,
-                         QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
-while not got:
+node.create_subscription(StackCount, f"/stack_counter/{sys.argv[1]}", got.append,
+                         QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+seen = -1
+while not got or seen < len(got):
+    seen = len(got)
     rclpy.spin_once(node, timeout_sec=1.0)
-print(got[0].scan_id, got[0].count)
+for message in got:
+    print(message.scan_id, message.count, message.region)
 """
 
 
@@ -41,25 +47,40 @@ def ros(ros_of_module):
 def counter(ros):
     ros.start("counter", estimator="prior")
     volumes = ros.node.create_publisher(StackVolume, f"{SPACE}/volume", LATCHED)
-    counts = ros.collect_messages(StackCount, f"{SPACE}/count", LATCHED)
+    results = ros.collect_messages(StackCount, f"{SPACE}/result", LATCHED)
+    running = ros.collect_messages(StackCount, f"{SPACE}/running_count")
     ros.wait_for_subscribers(volumes)
 
-    def count(**fields):
-        volumes.publish(StackVolume(final=True, **fields))
-        ros.wait(lambda: counts and counts[-1].scan_id == fields["scan_id"], "a count")
+    def count(final=True, **fields):
+        counts = results if final else running
+        before = len(counts)
+        volumes.publish(StackVolume(final=final, **fields))
+        ros.wait(lambda: len(counts) > before and counts[-1].scan_id == fields["scan_id"],
+                 "a count")
         return counts[-1]
 
     return count
 
 
-def test_count_is_gamma_v_over_v_and_reaches_who_comes_late(ros, counter):
+def latecomer(ros, topic):
+    """[scan_id, count] or [scan_id, count, region] of each message that a latecomer gets."""
+    late = subprocess.run([sys.executable, "-c", LATE, topic], capture_output=True, text=True,
+                          timeout=PATIENCE_S, env={**os.environ, **ros.environment}, check=True)
+    return [line.split() for line in late.stdout.splitlines()]
+
+
+def test_count_is_gamma_v_over_v_and_a_latecomer_gets_the_last_result_alone(ros, counter):
+    counter(scan_id="before", unit_volume=1e-6, stack_volume=2e-3)
+    for litres in (0.6, 0.8):
+        so_far = counter(False, scan_id="a", unit_volume=1e-6, stack_volume=litres * 1e-3)
+        assert not so_far.final
     got = counter(scan_id="a", unit_volume=1e-6, stack_volume=1e-3, stack_volume_std=1e-5)
-    assert got.count == round(got.gamma * 1000) > 0
+    assert got.final and got.count == round(got.gamma * 1000) > so_far.count
     assert got.count_low <= got.count <= got.count_high
     assert got.estimator == "prior (baseline)" and got.confidence == 0.9
-    late = subprocess.run([sys.executable, "-c", LATE], capture_output=True, text=True,
-                          timeout=PATIENCE_S, env={**os.environ, **ros.environment}, check=True)
-    assert late.stdout.split() == ["a", str(got.count)]
+    counter(False, scan_id="next", unit_volume=1e-6, stack_volume=1e-3)
+    for topic in ("result", "count"):
+        assert latecomer(ros, topic) == [["a", str(got.count)]], topic
 
 
 def test_refusals_are_said_and_the_next_scan_counts(counter):
@@ -121,3 +142,11 @@ def test_a_count_names_the_nodes_own_part_where_the_scan_names_none(ros, counter
     assert failed.status == StackCount.STATUS_ERROR
     assert (failed.part, failed.unit_volume) == ("demo_nut", pytest.approx(6.00488e-6))
     assert counter(scan_id="j", stack_volume=1e-3).part == "demo_nut"
+
+
+def test_a_latecomer_gets_the_last_result_of_each_region(ros, counter):
+    latest = {region: [scan, str(counter(scan_id=scan, region=region, unit_volume=1e-6,
+                                         stack_volume=litres * 1e-3).count), region]
+              for scan, litres in (("r1", 1), ("r2", 2)) for region in ("left", "right")}
+    got = [words for words in latecomer(ros, "result") if words[2:]]
+    assert sorted(got) == sorted(latest.values())

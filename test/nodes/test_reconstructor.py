@@ -80,7 +80,7 @@ def reconstructor(ros):
 
 def test_a_report_is_written_on_request_below_the_configured_folder(ros, reconstructor):
     """The first test: at its start nothing was counted yet."""
-    counts = ros.node.create_publisher(StackCount, f"{SPACE}/count", LATCHED)
+    counts = ros.node.create_publisher(StackCount, f"{SPACE}/result", LATCHED)
 
     def ask():
         return ros.call(Trigger, f"{SPACE}/write_report", Trigger.Request())

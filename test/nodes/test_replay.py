@@ -9,6 +9,7 @@ import yaml
 from kits.bags import bag
 from kits.painted import marks, painted, unlabelled
 from kits.row_of_bins import HALF, RowOfBins
+from kits.station import station
 from kits.textures import closed_container_views
 
 from stack_counter.cli import main
@@ -124,3 +125,26 @@ def test_a_station_counts_every_cycle_and_names_the_dead_camera(tmp_path, capsys
     for entry, true in zip(counts["--direct"], truth["counts"], strict=True):
         low, high = entry["count_interval"]
         assert low <= true["count"] <= high
+
+
+def test_a_failed_cycle_is_a_row_and_takes_nothing_from_the_others(tmp_path, capsys):
+    """One in the middle and the last, and running volumes after every view in between."""
+    recording, settings = station(tmp_path, cycles=4, failed=(1, 3))
+    results, rows = [], []
+    for how in ("--nodes", "--direct"):
+        out = tmp_path / f"{how}.json"
+        assert main(["replay", str(recording), "--config", str(settings), "--unit-volume-cm3",
+                     "1.5", "--estimator", "prior", "--live", how, "--json", str(out)]) == 0
+        printed = capsys.readouterr()
+        rows.append([line for line in printed.out.splitlines() if line.startswith("cycle at ")])
+        assert printed.err.count("stack-counter: cycle at ") == 2
+        results.append(json.loads(out.read_text()))
+    assert rows[0] == rows[1] and results[0]["counts"] == results[1]["counts"]
+    assert results[0]["count"] == results[1]["count"] == results[0]["counts"][2]["count"] > 0
+    assert [entry["count"] is None for entry in results[0]["counts"]] == [
+        False, True, False, True]
+    failed = results[0]["counts"][3]
+    assert failed["stamp_ns"] == 4 * 10**9 and failed["error"].startswith("1 views used of 1")
+    assert failed["missing_cameras"] == ["camera1", "camera2", "camera3"]
+    assert rows[0][3] == ("cycle at 4.000 s: no count, without camera1, camera2, camera3: "
+                          + failed["error"])

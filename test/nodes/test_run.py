@@ -35,7 +35,7 @@ def test_a_node_that_is_killed_comes_back_and_its_scan_is_reported_lost(ros, tmp
                             str(settings)], stdout=log, stderr=subprocess.STDOUT,
                            env={**os.environ, **ros.environment})
     ros.processes.append(run)
-    counts = ros.collect_messages(StackCount, f"{SPACE}/count", LATCHED)
+    counts = ros.collect_messages(StackCount, f"{SPACE}/result", LATCHED)
     states = ros.collect_messages(ScanStatus, f"{SPACE}/scan_status")
     diagnostics = ros.collect_messages(DiagnosticArray, "/diagnostics")
 

@@ -101,7 +101,7 @@ def test_each_scan_replays_to_the_count_that_the_nodes_gave(cell, ros, tmp_path,
     cell.collect()
     ros.start("reconstructor")
     ros.start("counter", estimator="depth_corrected")
-    counts = ros.collect_messages(StackCount, f"{SPACE}/count", LATCHED)
+    counts = ros.collect_messages(StackCount, f"{SPACE}/result", LATCHED)
     ros.wait(lambda: any(s.node == "reconstructor" for s in cell.states), "the reconstructor")
     ros.wait(lambda: ros.node.count_subscribers(f"{SPACE}/volume"), "the counter")
     cell.play("/tf_static", "/camera/color/camera_info", views=[0, 1])  # once and for all

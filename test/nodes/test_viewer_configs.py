@@ -93,13 +93,14 @@ def test_foxglove_reads_fields_that_the_messages_have(foxglove, types):
     number, = panels(foxglove, "RawMessages")
     plot, = panels(foxglove, "Plot")
     status, = panels(foxglove, "Indicator")
-    assert number["topicPath"] == "/stack_counter/count.count"
+    assert number["topicPath"] == "/stack_counter/result.count"
     assert [p["value"] for p in plot["paths"]] == [
-        f"/stack_counter/count.{name}" for name in ("count", "count_low", "count_high")]
+        *(f"/stack_counter/result.{name}" for name in ("count", "count_low", "count_high")),
+        "/stack_counter/running_count.count"]
     for path in (number["topicPath"], *(p["value"] for p in plot["paths"])):
         assert field(path, types) == "uint32"
     assert field(status["path"], types) == "uint8"
-    kind = message_type(types["/stack_counter/count"])
+    kind = message_type(types["/stack_counter/result"])
     assert [int(rule["rawValue"]) for rule in status["rules"]] == [
         kind.STATUS_OK, kind.STATUS_DEGRADED, kind.STATUS_ERROR]
 
