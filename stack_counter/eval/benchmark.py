@@ -11,16 +11,16 @@ rule's depth images (its authors optimise Gaussian splats for them) is not part 
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ConfigError, StackCounterError
 from stack_counter.eval.common import cost
+from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.published_rule import (
     CELLS,
     RELEASED,
@@ -94,8 +94,7 @@ def run(args: argparse.Namespace) -> int:
     figures = cost.measure_cost(recordings, args.seed)
     print(f"cost, {len(recordings)} scenes:\n{cost.format_cost(figures)}")
     if args.json:
-        args.json.write_text(json.dumps({"scenes": [asdict(r) for r in rows], "cost": figures},
-                                        indent=1) + "\n")
+        write_figures(args.json, {"scenes": rows, "cost": figures})
     return 0
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
@@ -18,6 +17,7 @@ import numpy as np
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
+from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.pipeline import StackCounter
 from stack_counter.progress import progress, write_line
@@ -79,8 +79,7 @@ def run(args: argparse.Namespace) -> int:
     for name, figures in summary.items():
         print(f"{name}: " + ", ".join(f"{key} {value:.3g}" for key, value in figures.items()))
     if args.json:
-        args.json.write_text(json.dumps({"summary": summary,
-                                         "scenes": [asdict(row) for row in rows]}, indent=2))
+        write_figures(args.json, {"summary": summary, "scenes": rows})
     return 0
 
 

@@ -22,6 +22,7 @@ from scipy import ndimage
 from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
+from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.pipeline import StackCounter
 from stack_counter.progress import progress
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     for name in rows[0]["iou"]:
         print(f"{name}: {format_summary([row['iou'][name] for row in rows])}")
     if args.json:
-        args.json.write_text(json.dumps(rows, indent=2) + "\n")
+        write_figures(args.json, rows)
     return 0
 
 

@@ -10,9 +10,8 @@ for a duplicate leaves the count as it was.
 from __future__ import annotations
 
 import argparse
-import json
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from stack_counter.child_processes import worker_pool
 from stack_counter.config import CollectorConfig, CounterConfig, ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common import metrics
+from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.occupancy import make_estimator
 from stack_counter.parts.catalogue import Part
@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
     print(f"{options.set}: {len(scenes)} scenes, {options.camera} camera, {options.picks} picks\n"
           + format_table(counts))
     if options.json:
-        options.json.write_text(json.dumps([asdict(c) for c in counts], indent=1) + "\n")
+        write_figures(options.json, counts)
     return 0
 
 

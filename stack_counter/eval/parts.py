@@ -20,6 +20,7 @@ from typing_extensions import override
 from stack_counter.child_processes import worker_pool
 from stack_counter.config import Config, CounterConfig, ReconstructorConfig
 from stack_counter.errors import StackCounterError
+from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.part_table import (
     PartCount,
     Rig,
@@ -66,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
     print(format_table(rigs, counts, sum(v is None for v in volumes.values())))
     print(format_sensitivity(list(models.values())))
     if options.json:
-        options.json.write_text(json.dumps([asdict(c) for c in counts], indent=1) + "\n")
+        write_figures(options.json, counts)
     return 0
 
 

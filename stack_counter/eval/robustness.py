@@ -8,15 +8,15 @@ stack-counter evaluate robustness --only 42           # one scan, whose outcome 
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 
 from stack_counter.child_processes import worker_pool
 from stack_counter.config import CounterConfig
 from stack_counter.errors import StackCounterError, ViewError
+from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.parts.catalogue import Part
@@ -97,7 +97,7 @@ def run(options: argparse.Namespace) -> int:
     print(f"{len(outcomes)} scans made hard from piles of {options.set}, seed {options.seed}\n"
           + format_table(outcomes))
     if options.json:
-        options.json.write_text(json.dumps([asdict(o) for o in outcomes], indent=1) + "\n")
+        write_figures(options.json, outcomes)
     return 0
 
 

@@ -7,14 +7,14 @@ stack-counter evaluate volume --set unseen
 from __future__ import annotations
 
 import argparse
-import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
+from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.pipeline import StackCounter
 from stack_counter.progress import progress
@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
           f"{options.pose_deg} degrees")
     print(format_table(cases))
     if options.json:
-        options.json.write_text(json.dumps([asdict(c) for c in cases], indent=1) + "\n")
+        write_figures(options.json, cases)
     return 0
 
 

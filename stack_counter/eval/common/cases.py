@@ -4,10 +4,8 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 
@@ -18,6 +16,7 @@ from stack_counter.config import CounterConfig
 from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common.case import Case, Guess
+from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.plot import plot_complexity
 from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
@@ -40,7 +39,7 @@ def report_cases(options: argparse.Namespace, title: str,
     print(f"{options.set}: {title} of {len(cases)} scenes, {options.depth} depth")
     print(format_table(cases))
     if options.json:
-        options.json.write_text(json.dumps([asdict(c) for c in cases], indent=1) + "\n")
+        write_figures(options.json, cases)
     if options.plot:
         plot_complexity(cases, f"{options.set}, {options.depth} depth", options.plot)
     return 0
