@@ -79,6 +79,7 @@ EXTRAS = {
     # STEP files of parts (no key).
     "cad": ["cascadio>=0.1.1"],
     "test": [
+        "jsonschema>=4.26",
         "mypy>=2.4",
         "pytest>=9.2",
         "pytest-timeout>=2.4",

@@ -41,6 +41,7 @@ ARGUMENTS = {
     "confidence": ("probability that the interval holds the true count", ("counter",), float),
     "expected_count": ("parts that every count is judged by", ("counter",), int),
     "tolerance": ("largest deviation from it that passes, parts", ("counter",), int),
+    "result_log": ("file that every final result is added to: .csv or .jsonl", ("counter",), str),
     "use_sim_time": ("time from /clock: true or false", NODES, bool),
     "autostart": ("configure and activate at start: true or false", NODES, bool),
 }

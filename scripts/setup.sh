@@ -206,9 +206,23 @@ print(*setup.REQUIRES, *(line for extra in sys.argv[1:] for line in setup.EXTRAS
 ' $extras >"$venv/requirements.txt" && install -r "$venv/requirements.txt"
 }
 
-install_package() {  # data files and commands; the code itself is used where it lies
+install_package() {  # the commands; all else is used where it lies
   "$venv/bin/python" -m pip install --disable-pip-version-check --no-index --no-deps \
-    --no-build-isolation --use-pep517 -e .
+    --no-build-isolation --use-pep517 -e . || return
+  [[ $mode == sourced ]] || link_package  # colcon does it there
+}
+
+link_package() {  # puts the package where ros2 run and ros2 launch look; pip -e does not
+  local share=$venv/share/stack_counter nodes=$venv/lib/stack_counter
+  local index=$venv/share/ament_index/resource_index/packages
+  mkdir -p "$share" "$nodes" "$index" || return
+  ln -sfn "$root"/{package.xml,config,launch} "$share" || return
+  ln -sfn "$root/resource/stack_counter" "$index" || return
+  ln -sfn "$venv"/bin/{collector,reconstructor,counter} "$nodes" || return
+  cat >"$venv/ros.bash" <<SH
+# ROS 2 comes from the environment's own wheels; its tools look for packages here.
+export AMENT_PREFIX_PATH="$venv\${AMENT_PREFIX_PATH:+:\$AMENT_PREFIX_PATH}"
+SH
 }
 
 if [[ $mode == wheels ]]; then
@@ -268,7 +282,6 @@ if changed messages "$messages"; then
       step "messages tf2_msgs" build_wheel msg_defs/tf2_msgs_wheel
       stamp tf2_msgs ours
     fi
-    echo "# Nothing to source: ROS 2 comes from the environment's own wheels." >"$venv/ros.bash"
   fi
   stamp messages "$messages"
 fi

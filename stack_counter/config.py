@@ -178,6 +178,16 @@ class CounterConfig:
                               0, 1000000000, runtime=True)
     timeout_s: float = _setting(60.0, "longest time of a scan that an action or service asks for "
                                       "without saying, s", 0.1, 86400.0, runtime=True)
+    result_log: str = _setting("", "file to which a line is added for every final result: .csv, "
+                                   "or .jsonl for JSON lines; empty: none")
+    result_log_max_mb: float = _setting(100.0, "size of it and its older files together, MB; the "
+                                               "oldest are deleted", 1.0, 1e8)
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where the log's name does not say how it is written."""
+        if self.result_log and Path(self.result_log).suffix not in (".csv", ".jsonl"):
+            raise ConfigError(f"result_log is '{self.result_log}'; expected a file that ends in "
+                              ".csv or .jsonl")
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import Any
 
 from stack_counter.bag.replayed import Replayed
 from stack_counter.display.report import as_dict, container_text, write_report
+from stack_counter.display.result_schema import SCHEMA_VERSION
 from stack_counter.types import Reason
 
 
@@ -39,10 +40,11 @@ def _cells(result: Replayed) -> str:
 def regions_as_dict(results: Sequence[Replayed]) -> dict[str, Any]:
     """Returns the JSON object of `stack-counter replay --json` where regions are configured.
 
-    Its one key `regions` lists for each its `name` and what `report.as_dict` says of one count;
+    Its key `regions` lists for each its `name` and what `report.as_dict` says of one count;
     of a region without a count `count` is null, and `error` says why.
     """
-    return {"regions": [{"name": result.region, **_as_dict(result)} for result in results]}
+    return {"schema_version": SCHEMA_VERSION,
+            "regions": [{"name": result.region, **_as_dict(result)} for result in results]}
 
 
 def _as_dict(result: Replayed) -> dict[str, Any]:

@@ -37,6 +37,8 @@ def add_replay(commands: argparse._SubParsersAction) -> None:
                         help="known parts; default: the configured ones, config/parts.yaml")
     add_config_argument(replay)
     replay.add_argument("--json", type=Path, metavar="OUT", help="write the result here")
+    replay.add_argument("--json-schema", action=_PrintSchema, nargs=0,
+                        help="print the JSON schema of that, and do nothing else")
     replay.add_argument("--report", type=Path, metavar="DIR", help="write pictures here")
     how = replay.add_mutually_exclusive_group()
     how.add_argument("--nodes", dest="nodes", action="store_true", default=True,
@@ -54,6 +56,17 @@ def add_replay(commands: argparse._SubParsersAction) -> None:
     replay.add_argument("--prompts", type=Path, metavar="FILE",
                         help="points or boxes for the prompted segmenter")
     replay.set_defaults(run=_replay)
+
+
+class _PrintSchema(argparse.Action):
+    """Prints the schema of the JSON and exits, as `--version` does: no bag is needed."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        """Prints and exits."""
+        from stack_counter.display.result_schema import result_schema
+
+        print(json.dumps(result_schema(), indent=2))
+        parser.exit()
 
 
 def _replay(options: argparse.Namespace) -> int:
@@ -85,7 +98,8 @@ def _settings(options: argparse.Namespace) -> Config:
         raise ConfigError(f"--rate is {options.rate}; expected above 0")
     config = load_config(options.config or config_path("stack_counter.yaml"))
     # Settings of the counter.
-    chosen = {"confidence": options.confidence, "estimator": options.estimator,
+    chosen = {"result_log": "",  # of what the cell counts, not of what is played again
+              "confidence": options.confidence, "estimator": options.estimator,
               "weights": str(options.weights) if options.weights else None,
               "part_catalogue": str(options.catalogue.absolute()) if options.catalogue else None}
     counter = build_section(CounterConfig, {

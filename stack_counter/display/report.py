@@ -18,16 +18,16 @@ from stack_counter.display.drawings import (
     draw_points,
     write_ply,
 )
+from stack_counter.display.result_schema import SCHEMA_VERSION, STAGES
 from stack_counter.types import Container, Reason, StackCount
 
-STAGES = ("load", "read", "segment", "integrate", "finish", "gamma", "total")
 # Phrases for the sources of gamma; {} is the number of counted scans.
 _SOURCE_PHRASES = {"estimator": "it", "piles": "the part's piles", "counted": "counted bins ({})",
                    "training": "other parts"}
 
 
 def as_dict(count: StackCount, counts: list[dict[str, Any]]) -> dict[str, Any]:
-    """Returns the JSON object of `stack-counter replay --json`.
+    """Returns the JSON object of `stack-counter replay --json`, as `result_schema` describes it.
 
     Args:
         count: final count; its `seconds` hold the stages.
@@ -36,6 +36,7 @@ def as_dict(count: StackCount, counts: list[dict[str, Any]]) -> dict[str, Any]:
     volume, container = count.volume, count.volume.container
     quaternion = geometry.quaternion_from_pose(container.T_world_container)
     return {
+        "schema_version": SCHEMA_VERSION,
         "count": count.count, "count_interval": list(count.count_interval),
         "confidence": count.confidence, "gamma": count.gamma, "gamma_std": count.gamma_std,
         "volume_m3": volume.stack_volume, "volume_std_m3": volume.stack_volume_std,

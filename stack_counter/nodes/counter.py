@@ -12,6 +12,7 @@ from stack_counter.config import CounterConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.nodes.count_action import CountAction
 from stack_counter.nodes.count_publishers import CountPublishers
+from stack_counter.nodes.result_logging import ResultLogging
 from stack_counter.occupancy import make_estimator
 from stack_counter.parts.catalogue import resolve_part
 from stack_counter.pipeline import count_stack
@@ -58,6 +59,7 @@ class CounterNode(ManagedNode[CounterConfig]):
         # Latched, so that a counter that starts late still counts the last volume.
         self.subscribe(StackVolume, "volume", self._on_volume, LATCHED_ALL)
         self._action = CountAction(self, config)
+        self._result_log = ResultLogging(config, self.get_logger())
         self.on_cleanup_call(self._action.destroy)
         self.on_cleanup_call(self._release_estimator)
 
@@ -94,6 +96,7 @@ class CounterNode(ManagedNode[CounterConfig]):
         self._log_count(count)
         self._action.on_count(count)
         self._publish_markers(text_place(message), count.region)
+        self._result_log.write(count, message)
 
     def _publish_markers(self, place: TextPlace | None, region: str) -> None:
         """Shows the counts of all regions; `place`: of the region's stack; None if it has none."""
@@ -141,6 +144,7 @@ class CounterNode(ManagedNode[CounterConfig]):
         lines = [(_LEVELS[last.status],
                   _region_prefix(last) + (last.error or _describe_count(last)))
                  for last in self._last.values()]
+        lines += self._result_log.status_lines()
         if self._action.rejected:
             lines.append((WARN, f"the last goal was rejected: {self._action.rejected}"))
         return lines or [(OK, "no scan yet")]

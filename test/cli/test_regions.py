@@ -6,6 +6,7 @@ import json
 import pytest
 import yaml
 from kits.command import run
+from kits.result_schema import read_result
 from kits.row_of_bins import RowOfBins
 
 from stack_counter.bag.replay import count_bag, measure_bag
@@ -39,7 +40,7 @@ def test_each_bin_of_the_row_has_a_count_of_its_own(row, recording, tmp_path, ca
                         "--config", settings(tmp_path, row.regions()), "--direct",
                         "--json", out, "--report", report)
     assert code == 0
-    results = json.loads(out.read_text())["regions"]
+    results = read_result(out.read_text(), "regions")["regions"]
     table = [line.split()[:2] for line in text.splitlines() if line.startswith(("region", "bin_"))]
     assert table == [["region", "count"], *([r["name"], str(r["count"])] for r in results)]
     assert [r["name"] for r in results] == ["bin_0", "bin_1", "bin_2", "bin_3"]
@@ -65,7 +66,7 @@ def test_a_region_without_a_count_is_a_line_and_none_with_one_an_exit_code(
     assert code == 0
     assert error.startswith("stack-counter: region away: ") and "6 images in the bag" in error
     assert "\naway        -  no count: " in text
-    away, full = json.loads(out.read_text())["regions"]
+    away, full = read_result(out.read_text(), "regions")["regions"]
     assert away["count"] is None and away["status"] == "error" and away["error"] in error
     low, high = full["count_interval"]
     assert low <= row.counts[0] <= high

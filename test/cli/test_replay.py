@@ -9,6 +9,7 @@ import pytest
 from kits.bags import FRAME, bag, bin_views
 from kits.command import run
 from kits.painted import marks, painted, unlabelled
+from kits.result_schema import read_result
 from kits.station import station
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
@@ -33,7 +34,7 @@ def test_count_and_every_key_of_the_json(tmp_path, capsys):
     code, text, _ = run(capsys, "replay", path, *UNIT, "--direct", "--json", out, "--report",
                         tmp_path / "report", "--confidence", "0.8")
     assert code == 0 and "said by network" in text and "80% sure" in text
-    result = json.loads(out.read_text())
+    result = read_result(out.read_text())
     assert result.keys() >= {
         "count", "count_interval", "confidence", "gamma", "gamma_std", "volume_m3",
         "volume_std_m3", "unit_volume_m3", "container", "views", "estimator", "seconds", "status",
@@ -56,7 +57,7 @@ def test_count_and_every_key_of_the_json(tmp_path, capsys):
 def test_live_has_an_entry_for_each_view_used(tmp_path, capsys):
     out = tmp_path / "r.json"
     assert run(capsys, "replay", bag(tmp_path), *UNIT, "--direct", "--live", "--json", out)[0] == 0
-    counts = json.loads(out.read_text())["counts"]
+    counts = read_result(out.read_text())["counts"]
     assert [c["stamp_ns"] for c in counts] == [i * 10**9 for i in range(1, 7)]
 
 
@@ -154,7 +155,7 @@ def test_a_bag_cut_anywhere_is_counted_or_refused_in_one_line(tmp_path, capsys):
             code, _, err = run(capsys, "replay", cut, *UNIT, "--direct", "--json", out)
             codes.add(code)
             if code == 0:
-                result = json.loads(out.read_text())
+                result = read_result(out.read_text())
                 assert "bag_truncated" in result["reasons"] and result["status"] == "degraded"
                 assert result["views"]["used"] >= 3
             else:
@@ -176,7 +177,7 @@ def test_prompts_label_pictures_that_have_nothing_else(tmp_path, capsys):
     first = painted(count=6, depth=False)[0]
     assert run(capsys, "replay", path, *UNIT, "--direct", "--json", out, "--prompts",
                prompts_file(tmp_path, marks(first.labels)))[0] == 0
-    result = json.loads(out.read_text())
+    result = read_result(out.read_text())
     assert result["seconds"]["read"] > 0 and result["seconds"]["segment"] > 0
     assert result["container"]["kind"] == "hull" and result["views"]["used"] == 6
     labelled = bag(tmp_path, painted(count=6, depth=False), "labelled")

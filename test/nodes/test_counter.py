@@ -8,6 +8,7 @@ import sys
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from kits.harness import LATCHED, PATIENCE_S
+from kits.result_schema import read_result
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from stack_counter_msgs.msg import Container, StackCount, StackVolume
@@ -45,7 +46,7 @@ def ros(ros_of_module):
 
 @pytest.fixture(scope="module")
 def counter(ros):
-    ros.start("counter", estimator="prior")
+    ros.start("counter", estimator="prior", result_log=ros.folder / "results.jsonl")
     volumes = ros.node.create_publisher(StackVolume, f"{SPACE}/volume", LATCHED)
     results = ros.collect_messages(StackCount, f"{SPACE}/result", LATCHED)
     running = ros.collect_messages(StackCount, f"{SPACE}/running_count")
@@ -150,3 +151,15 @@ def test_a_latecomer_gets_the_last_result_of_each_region(ros, counter):
               for scan, litres in (("r1", 1), ("r2", 2)) for region in ("left", "right")}
     got = [words for words in latecomer(ros, "result") if words[2:]]
     assert sorted(got) == sorted(latest.values())
+
+
+def test_every_final_result_is_a_line_of_the_log(ros, counter):
+    log = ros.folder / "results.jsonl"
+    count = counter(scan_id="k", unit_volume=1e-6, stack_volume=1e-3, stack_volume_std=1e-5,
+                    container=Container(kind="none"))
+    counter(scan_id="l", error="2 views used")
+    ros.wait(lambda: '"l"' in log.read_text(), "a line of the last scan")
+    good, failed = (read_result(line, "log_line") for line in log.read_text().splitlines()[-2:])
+    assert (good["scan_id"], good["count"]) == ("k", count.count)
+    assert good["count_interval"] == [count.count_low, count.count_high]
+    assert (failed["scan_id"], failed["error"]) == ("l", "2 views used")

@@ -8,6 +8,7 @@ import pytest
 import yaml
 from kits.bags import bag
 from kits.painted import marks, painted, unlabelled
+from kits.result_schema import read_result
 from kits.row_of_bins import HALF, RowOfBins
 from kits.station import station
 from kits.textures import closed_container_views
@@ -21,7 +22,7 @@ def replay(tmp_path, capsys, *options):
     out = tmp_path / f"result{len(list(tmp_path.iterdir()))}.json"
     assert main(["replay", str(DEMO), "--part", "demo_nut", "--json", str(out), *options]) == 0
     assert "said by network" in capsys.readouterr().out
-    return json.loads(out.read_text())
+    return read_result(out.read_text())
 
 
 def test_nodes_and_direct_agree_to_the_part(tmp_path, capsys):
@@ -97,7 +98,7 @@ def test_each_region_gives_the_same_through_the_nodes(tmp_path, capsys):
                      "--config", str(settings), "--live", "--json", str(out), how]) == 0
         error, = capsys.readouterr().err.splitlines()[-1:]
         assert error.startswith("stack-counter: region away: ")
-        results[how] = json.loads(out.read_text())["regions"]
+        results[how] = read_result(out.read_text(), "regions")["regions"]
     assert [r["name"] for r in results["--nodes"]] == ["away", "bin_0", "bin_1"]
     for ours, same in zip(results["--nodes"], results["--direct"], strict=True):
         for key in ours.keys() - {"seconds", "container"}:
@@ -118,7 +119,7 @@ def test_a_station_counts_every_cycle_and_names_the_dead_camera(tmp_path, capsys
                      "--unit-volume-cm3", str(truth["unit_volume_cm3"]), how,
                      "--json", str(out)]) == 0
         assert "without back" in capsys.readouterr().out
-        counts[how] = json.loads(out.read_text())["counts"]
+        counts[how] = read_result(out.read_text())["counts"]
     assert counts["--nodes"] == counts["--direct"]
     assert [c.get("missing_cameras") for c in counts["--direct"]] == [
         None, None, ["back"], None, None]

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The JSON schema of a result: of `replay --json`, and of the lines of `result_log`.
+
+`stack-counter replay --json-schema` prints it, docs/result.schema.json is what that prints. A key
+that is new leaves the version as it is: who reads results ignores keys it does not know.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from stack_counter.types import CONTAINER_KINDS
+
+SCHEMA_VERSION = 1  # grows when a key goes away or changes its meaning
+STAGES = ("load", "read", "segment", "integrate", "finish", "gamma", "total")
+
+Schema = dict[str, Any]
+
+
+def _value(kind: str, text: str, **limits: Any) -> Schema:
+    return {"type": kind, "description": text, **limits}
+
+
+def _numbers(length: int, text: str, kind: str = "number") -> Schema:
+    """The schema of an array of so many numbers."""
+    return {"type": "array", "description": text, "items": {"type": kind},
+            "minItems": length, "maxItems": length}
+
+
+def _object(properties: Mapping[str, Schema], optional: Iterable[str] = ()) -> Schema:
+    """The schema of an object with all these keys, but for those that are optional."""
+    return {"type": "object", "properties": dict(properties),
+            "required": [key for key in properties if key not in set(optional)]}
+
+
+def _texts(text: str) -> Schema:
+    return {"type": "array", "description": text, "items": {"type": "string"}}
+
+
+def _numbers_by_name(kind: str, text: str) -> Schema:
+    return {"type": "object", "description": text,
+            "additionalProperties": {"type": kind, "minimum": 0}}
+
+
+_NUMBER = _value("integer", "parts in the stack", minimum=0)
+_INTERVAL = _numbers(2, "lowest and highest number of parts, inclusive", "integer")
+_VERSION = {"const": SCHEMA_VERSION, "description": "version of this schema"}
+_POSE = _object({"position_m": _numbers(3, "x, y, z in the world frame, m"),
+                 "quaternion_xyzw": _numbers(4, "x, y, z, w")})
+_CONTAINER = _object({
+    "kind": {"enum": list(CONTAINER_KINDS), "description": "what holds the parts"},
+    "inner_size_m": _numbers(3, "x and y at the rim, height from floor to rim, m; zeros: unknown"),
+    "wall_thickness_m": _value("number", "m", minimum=0),
+    "floor_thickness_m": _value("number", "m", minimum=0),
+    "pose": _POSE})
+_VIEWS = _object({
+    "received": _value("integer", "views that arrived", minimum=0),
+    "used": _value("integer", "views that the count rests on", minimum=0),
+    "skipped": _numbers_by_name("integer", "views that were left out, by reason")})
+_COUNT = {
+    "count": _NUMBER,
+    "count_interval": _INTERVAL,
+    "confidence": _value("number", "probability that the interval holds the true count",
+                         minimum=0, maximum=1),
+    "gamma": _value("number", "occupancy ratio", minimum=0),
+    "gamma_std": _value("number", "its standard deviation", minimum=0),
+    "volume_m3": _value("number", "volume of the stack V, m3", minimum=0),
+    "volume_std_m3": _value("number", "its standard deviation, m3", minimum=0),
+    "unit_volume_m3": _value("number", "volume of one part v, m3", exclusiveMinimum=0),
+    "container": _CONTAINER,
+    "views": _VIEWS,
+    "view_agreement_mm": _value("number", "median distance between the views' surfaces, mm; 0: "
+                                          "unknown", minimum=0),
+    "coverage": _value("number", "share of the container's footprint that some view saw",
+                       minimum=0, maximum=1),
+    "fill_level": _numbers(3, "least, mean and largest filled share of the inner height"),
+    "estimator": _value("string", "who said gamma"),
+    "gamma_shares": _numbers_by_name("number", "how much each source of gamma weighed"),
+    "counted_scans": _value("integer", "counted scans of the part that gamma rests on",
+                            minimum=0),
+    "status": {"enum": ["ok", "degraded"], "description": "degraded: some reason weakens it"},
+    "reasons": _texts("slugs of what qualifies the count: docs/reasons.md"),
+    "seconds": _object({stage: _value("number", "s", minimum=0) for stage in STAGES}),
+}
+_STAMP = _value("integer", "stamp of the view's image, or of the cycle, ns")
+_MISSING = _texts("cameras of the rig that gave this cycle no view")
+_NO_VALUE = {"type": "null"}
+_ERROR = _value("string", "why there is no count, one line", minLength=1)
+_COUNTS = {
+    "type": "array", "description": "one entry for each view used (--live), or for each cycle",
+    "items": {"anyOf": [
+        _object({"stamp_ns": _STAMP, "count": _NUMBER, "count_interval": _INTERVAL,
+                 "missing_cameras": _MISSING}, optional=["missing_cameras"]),
+        _object({"stamp_ns": _STAMP, "count": _NO_VALUE, "count_interval": _NO_VALUE,
+                 "error": _ERROR, "missing_cameras": _MISSING}, optional=["missing_cameras"])]}}
+_FAILURE = {"count": _NO_VALUE, "status": {"const": "error"}, "error": _ERROR}
+_LINE = {
+    "schema_version": _VERSION,
+    "scan_id": _value("string", "scan that was counted"),
+    "stamp": _value("string", "stamp of the last view used: ISO 8601, UTC", format="date-time"),
+    "region": _value("string", "named region; empty if none is named"),
+    "part": _value("string", "name of the part; empty if only its volume was given"),
+    "verdict": {"enum": ["none", "pass", "fail", "unsure"],
+                "description": "the count against expected_count"},
+}
+_DEFINITIONS = {
+    "count": _object({"schema_version": _VERSION, **_COUNT}),
+    "failure": _object(_FAILURE),
+    "result": {"allOf": [{"$ref": "#/$defs/count"}, _object({"counts": _COUNTS})]},
+    "regions": _object({
+        "schema_version": _VERSION,
+        "regions": {"type": "array", "items": {
+            "allOf": [_object({"name": _value("string", "of the region")}),
+                      {"anyOf": [{"$ref": "#/$defs/result"}, {"$ref": "#/$defs/failure"}]}]}}}),
+    "log_line": {
+        "allOf": [_object({**_LINE, "views": _VIEWS, "reasons": _COUNT["reasons"]}),
+                  {"anyOf": [{"$ref": "#/$defs/count"}, {"$ref": "#/$defs/failure"}]}]},
+}
+
+
+def result_schema() -> Schema:
+    """Returns the JSON schema (draft 2020-12) of every JSON that a count is written as."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"stack_counter result, version {SCHEMA_VERSION}",
+        "description": "What `stack-counter replay --json` writes (result; regions where the "
+                       "settings name some), and a line of result_log (log_line).",
+        "anyOf": [{"$ref": f"#/$defs/{name}"} for name in ("result", "regions", "log_line")],
+        "$defs": _DEFINITIONS}
+
+
+def log_columns(line: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the cells of a line of the log by column; all columns are there for every line.
+
+    Objects with fixed keys and arrays of fixed length have a column for each value, as
+    `views.used` and `count_interval.0`; other objects and arrays are one cell of JSON.
+    """
+    return _cells(line, _object({**_LINE, **_COUNT, "error": _ERROR}), "")
+
+
+def _cells(value: Any, schema: Schema, name: str) -> dict[str, Any]:
+    """Returns the cells of one value and of what is in it; empty ones (None) where it is None."""
+    if "properties" in schema:
+        cells: dict[str, Any] = {}
+        for key, part in schema["properties"].items():
+            cells |= _cells((value or {}).get(key), part, f"{name}.{key}" if name else key)
+        return cells
+    if "maxItems" in schema:
+        items = value if value is not None else [None] * schema["maxItems"]
+        return {f"{name}.{index}": item for index, item in enumerate(items)}
+    return {name: json.dumps(value) if isinstance(value, (Mapping, list)) else value}
