@@ -33,7 +33,8 @@ from stack_counter.types import ViewTally
 class PlayerSettings:
     """How far the player runs ahead of the nodes, and how long it waits for them.
 
-    All are chosen; what is waited for normally takes a small part of the time.
+    All are chosen; what is waited for normally takes a small part of the time. They end a replay
+    whose nodes hang, not one on a busy machine.
 
     Attributes:
         max_images_ahead: number of images played and not yet processed; by the design of the
@@ -42,14 +43,16 @@ class PlayerSettings:
         stall_timeout_s: seconds without an image processed after which a node hangs.
         count_timeout_s: seconds from the last image to the count: SAM 2 takes seconds for each
             view without a GPU.
+        arrival_timeout_s: seconds that the last images may take to reach the collector.
         settle_s: seconds that the last images wait for depth or TF that may still come.
         poll_s: longest time between two checks that the nodes are alive, s.
     """
 
     max_images_ahead: int = 4
-    start_timeout_s: float = 60.0
-    stall_timeout_s: float = 30.0
+    start_timeout_s: float = 300.0
+    stall_timeout_s: float = 180.0
     count_timeout_s: float = 900.0
+    arrival_timeout_s: float = 30.0
     settle_s: float = 3.0
     poll_s: float = 0.2
 
@@ -217,7 +220,7 @@ class Player(Node):
             self._record_publishers[record.topic].publish(record.data)
         # What has not arrived when the scan ends would be no part of it.
         self.wait_until(lambda: self._images_received() >= self._images_sent,
-                        SETTINGS.stall_timeout_s)
+                        SETTINGS.arrival_timeout_s)
         self.wait_until(lambda: self._images_ahead() <= 0, SETTINGS.settle_s)
 
     def stop_scan(self) -> str:
