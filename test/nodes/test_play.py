@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 from geometry_msgs.msg import TransformStamped
@@ -18,6 +19,7 @@ from tf2_msgs.msg import TFMessage
 
 from stack_counter.bag.reader import BagReader
 from stack_counter.cli import main
+from stack_counter.ros import bag_player
 from stack_counter.ros.bag_player import SETTINGS, StampShift, playable_topics
 from stack_counter.ros.private_domain import PrivateDomain
 from stack_counter.ros.standard_messages import to_header
@@ -57,6 +59,7 @@ def test_a_recording_is_played_into_a_collector_and_again_in_a_loop(ros, tmp_pat
 
 
 def test_who_plays_to_nobody_reads_it(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(bag_player, "SETTINGS", replace(SETTINGS, match_s=0.1))
     with PrivateDomain() as domain:
         for name, value in domain.environment.items():
             monkeypatch.setenv(name, value)
