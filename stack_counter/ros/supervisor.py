@@ -83,7 +83,9 @@ class Supervisor(Node):
             self._open_scan = message.scan_id
 
     def _on_result(self, message: StackCount) -> None:
-        if self._lost_scan and message.scan_id != self._lost_scan:
+        # A counter that starts anew counts old volumes again: those results are no newer ones.
+        if message.scan_id != self._lost_scan and message.scan_id in (self._open_scan,
+                                                                      self._closed_scan):
             self._withdraw_losses()
         if message.scan_id == self._open_scan:
             self._counted.add(message.region)
@@ -129,6 +131,7 @@ class Supervisor(Node):
         The counter, if it runs, makes results of it as of every other scan, and ends a request.
         """
         self.get_logger().error(error)
+        self._withdraw_losses()
         counting = any(process.name == "counter" and process.running
                        for process in self._processes)
         for region in [name for name in self._regions if name not in self._counted]:
@@ -142,11 +145,12 @@ class Supervisor(Node):
         self._lost_scan = self._open_scan
 
     def _withdraw_losses(self) -> None:
-        """Unlatches what was reported as lost: there is a newer result."""
-        for publisher in (self._volume, *self._results):
-            self.destroy_publisher(publisher)
-        self._lost_scan = ""
-        self._advertise_losses()
+        """Unlatches what was reported as lost: there is something newer."""
+        if self._lost_scan:
+            for publisher in (self._volume, *self._results):
+                self.destroy_publisher(publisher)
+            self._lost_scan = ""
+            self._advertise_losses()
 
     # --- what is published --------------------------------------------------------------------
 

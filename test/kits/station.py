@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording of a station made in code: small fixed cameras, and cycles that give no count."""
+"""A recording of a station made in code: small fixed cameras, and cycles that give no count.
+
+Running volumes come after every view.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +32,8 @@ def station(tmp_path, cycles=4, failed=(), cameras=4):
             "depth_topic": f"/{name}/aligned_depth_to_color/image_raw"} for name in poses},
         "trigger": {"tolerance_s": 0.05, "timeout_s": 0.5}}))
     settings = tmp_path / "station.yaml"
-    settings.write_text(yaml.safe_dump({"/stack_counter/collector": {"ros__parameters": {
-        "mode": "cycle", "rig": str(tmp_path / "rig.yaml")}}}))
+    settings.write_text(yaml.safe_dump({
+        "/stack_counter/collector": {"ros__parameters": {
+            "mode": "cycle", "rig": str(tmp_path / "rig.yaml")}},
+        "/stack_counter/reconstructor": {"ros__parameters": {"running_period_s": 0.01}}}))
     return tmp_path / "station", settings

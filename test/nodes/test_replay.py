@@ -135,7 +135,7 @@ def test_a_failed_cycle_is_a_row_and_takes_nothing_from_the_others(tmp_path, cap
     for how in ("--nodes", "--direct"):
         out = tmp_path / f"{how}.json"
         assert main(["replay", str(recording), "--config", str(settings), "--unit-volume-cm3",
-                     "1.5", "--estimator", "prior", "--live", how, "--json", str(out)]) == 0
+                     "1.5", "--estimator", "prior", how, "--json", str(out)]) == 0
         printed = capsys.readouterr()
         rows.append([line for line in printed.out.splitlines() if line.startswith("cycle at ")])
         assert printed.err.count("stack-counter: cycle at ") == 2

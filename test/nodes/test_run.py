@@ -9,6 +9,7 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from kits.harness import LATCHED, PATIENCE_S, Camera
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from stack_counter_msgs.msg import ScanStatus, StackCount
 from stack_counter_msgs.srv import StartScan
 
@@ -62,10 +63,20 @@ def test_a_node_that_is_killed_comes_back_and_its_scan_is_reported_lost(ros, tmp
     assert after["collector"] == before["collector"]
     ros.wait(lambda: ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(
         scan_id="next")).accepted, "the next scan")
+    # Without a counter the supervisor itself says what is lost, to latecomers too.
+    ros.wait(lambda: any(s.scan_id == "next" for s in states), "word of the scan")
+    os.kill(after["counter"], signal.SIGKILL)
+    ros.wait(lambda: counts[-1].scan_id == "next", "word of the second lost scan")
+    assert counts[-1].error == "scan 'next' lost: counter ended with signal 9"
+    late = ros.collect_messages(StackCount, f"{SPACE}/result", QoSProfile(
+        depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    ros.wait(lambda: late, "the latched error")
+    assert late[0].scan_id == "next"
     ros.processes.remove(run)
     run.send_signal(signal.SIGTERM)
     assert run.wait(PATIENCE_S) == 0
     assert not any(Path(f"/proc/{i}").exists() for i in after.values())
+    assert [message.scan_id for message in late] == ["next"]
     log.close()
     text = (tmp_path / "run.log").read_text()
     assert "scan 'doomed' lost" in text and "Traceback" not in text

@@ -19,7 +19,7 @@ from stack_counter.errors import ConfigError
 from stack_counter.ros.qos import profile_that_hears
 from stack_counter.ros.viewer import Viewer, camera_topics
 
-COUNT, VOLATILE = "/stack_counter/count", QoSProfile(depth=10)
+COUNT, VOLATILE = "/stack_counter/result", QoSProfile(depth=10)
 PATIENCE_S = 60.0
 
 
