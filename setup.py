@@ -105,7 +105,6 @@ if __name__ == "__main__":  # scripts/setup.sh imports the lists above
         description="Counts identical parts stacked in a bin from posed images (ROS 2 Jazzy)",
         license="Apache-2.0",
         author="stack_counter maintainers",
-        author_email="maintainers@users.noreply.example.com",
         python_requires=">=3.10,<3.14",
         packages=find_packages(include=[NAME, f"{NAME}.*"]),
         package_data={NAME: ["py.typed", "weights/*"]},

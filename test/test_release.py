@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the build farm asks of the message package, and what users of the packages' types do."""
 
-import re
 from pathlib import Path
 from xml.etree import ElementTree
+
+import pytest
+from catkin_pkg.package import parse_package
+from catkin_pkg.package_version import get_forthcoming_label
 
 import stack_counter
 
@@ -18,8 +21,18 @@ def test_the_message_package_has_what_a_release_needs():
     versions = {package.findtext("version"),
                 ElementTree.parse(ROOT / "package.xml").getroot().findtext("version")}
     assert versions == {stack_counter.__version__}
-    changelog = (ROOT / "msg_defs" / "CHANGELOG.rst").read_text()
-    assert re.search(r"^Forthcoming\n-+\n\* ", changelog, re.MULTILINE)
+
+
+@pytest.mark.parametrize("folder", ["", "msg_defs"])
+def test_the_tools_of_a_release_take_package_and_changelog(folder):
+    warnings = []
+    package = parse_package(ROOT / folder, warnings=warnings)
+    package.validate(warnings=warnings)
+    assert warnings == []
+    assert all("example" not in person.email for person in package.maintainers)
+    changelog = (ROOT / folder / "CHANGELOG.rst").read_text()
+    assert f"Changelog for package {package.name}\n" in changelog
+    assert get_forthcoming_label(changelog) == "Forthcoming"
 
 
 def test_the_package_says_that_it_is_typed():

@@ -29,6 +29,7 @@ from stack_counter.errors import BagError
 from stack_counter.ros.player import message_type, record_qos
 from stack_counter.ros.processes import shared_memory_environment
 from stack_counter.ros.qos import LATCHED_ALL
+from stack_counter.ros.security import check_security
 from stack_counter.ros.standard_messages import to_time
 from stack_counter.views.decoding import stamp_ns
 
@@ -99,7 +100,9 @@ def play_bag(path: Path, rate: float, loop: bool, say: Callable[[str], object],
     Raises:
         FileNotFoundError: there is no such path.
         BagError: the bag cannot be read, or none of its topics can be played.
+        ConfigError: security is asked for and cannot be had.
     """
+    check_security()
     reader = BagReader(path)
     types, refused = playable_topics(reader.topics)
     for topic, why in refused.items():

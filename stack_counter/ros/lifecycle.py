@@ -33,6 +33,7 @@ from stack_counter.errors import StackCounterError
 from stack_counter.named_region import REGIONS, nest
 from stack_counter.ros.diagnostics import ERROR, OK, memory_mb, process_age_s, summarize, to_array
 from stack_counter.ros.qos import DIAGNOSTICS
+from stack_counter.ros.security import exit_if_insecure
 
 _DIAGNOSTICS_PERIOD_S = 1.0
 
@@ -164,8 +165,7 @@ class ManagedNode(LifecycleNode, Generic[Section]):
         fields = {field.name: field for field in dataclasses.fields(self._section)}
         changes = {p.name: p.value for p in parameters if self._is_setting(p.name)}
         # Refuse what is read on configure alone.
-        fixed = [name for name in changes
-                 if not fields[name.split(".")[0]].metadata["runtime"]]
+        fixed = [name for name in changes if not fields[name.split(".")[0]].metadata["runtime"]]
         if self._configured and fixed:
             return SetParametersResult(successful=False, reason=(
                 f"{', '.join(fixed)} is read on configure; expected an unconfigured node: clean "
@@ -280,6 +280,7 @@ def _describe_parameter(field: dataclasses.Field) -> ParameterDescriptor:
 def run(node_class: type[ManagedNode]) -> None:
     """Runs a node until SIGINT or SIGTERM; configures and activates it if `autostart` is true."""
     end_with_parent()
+    exit_if_insecure()
     rclpy.init()
     node = node_class()  # type: ignore[call-arg]  # nodes name themselves
     executor = SingleThreadedExecutor()  # nothing here blocks: the action waits on futures

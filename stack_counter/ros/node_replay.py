@@ -34,6 +34,7 @@ from stack_counter.ros.heard_counts import HeardCounts
 from stack_counter.ros.player import Player
 from stack_counter.ros.private_domain import PrivateDomain
 from stack_counter.ros.processes import NodeProcesses
+from stack_counter.ros.security import check_security
 from stack_counter.types import Reason, StackCount, ViewTally
 from stack_counter.views.cycles import cycle_stamp_ns
 from stack_counter.views.rig import Rig, load_rig
@@ -76,7 +77,9 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
         BagError: the bag has no usable topics.
         NodeError: a node died or hangs.
         ScanError: the nodes give no count; the message has their reason.
+        ConfigError: security is asked for and cannot be had.
     """
+    check_security()
     domain = PrivateDomain()
     os.environ.update(domain.environment)  # read by the DDS library when the context starts
     reader = BagReader(path)

@@ -24,6 +24,7 @@ from stack_counter.config import NAMESPACE, load_config
 from stack_counter.ros.diagnostics import ERROR, OK, to_array
 from stack_counter.ros.processes import NODES, SupervisedProcess
 from stack_counter.ros.qos import DIAGNOSTICS, FINAL_TOPICS, LATCHED_ALL, RELIABLE
+from stack_counter.ros.security import check_security
 
 
 @dataclass(frozen=True)
@@ -177,7 +178,11 @@ def supervise(parameters: Path) -> int:
 
     Args:
         parameters: ROS parameter file for all three.
+
+    Raises:
+        ConfigError: security is asked for and cannot be had.
     """
+    check_security()
     rclpy.init()
     node = Supervisor(parameters)
     executor = SingleThreadedExecutor()

@@ -27,6 +27,7 @@ from stack_counter.errors import BagError, ConfigError
 from stack_counter.ros.player import message_type
 from stack_counter.ros.processes import shared_memory_environment
 from stack_counter.ros.qos import RELIABLE, profile_that_hears
+from stack_counter.ros.security import check_security
 from stack_counter.views.depth_stream import depth_camera_info_topic
 from stack_counter.views.rig import load_rig
 
@@ -211,8 +212,9 @@ def view(topics: Collection[str], host: str, port: int,
         on_ready: called with host and port once the server listens.
 
     Raises:
-        ConfigError: nothing can listen there.
+        ConfigError: nothing can listen there; security is asked for and cannot be had.
     """
+    check_security()
     os.environ.update(shared_memory_environment())
     rclpy.init()
     viewer = None
