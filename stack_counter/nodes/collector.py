@@ -132,6 +132,8 @@ class Collector(ManagedNode[CollectorConfig]):
         self._status.publish(ScanStatus(
             header=to_header(self.get_clock().now().nanoseconds, self._config.world_frame),
             node="collector", scan_id=scan.scan_id if scan else "", state=state,
+            part=scan.part if scan else "", unit_volume=scan.unit_volume if scan else 0.0,
+            problems=self._topics.wrong_transports() if scan and not scan.views else [],
             received=tally.received, processed=scan.views if scan else 0,
             skip_reasons=list(skipped), skip_counts=list(skipped.values()),
             missing_cameras=list(scan.missing) if scan else []))

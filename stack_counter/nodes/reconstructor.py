@@ -163,8 +163,9 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self._stopped = message
         # A scan of which no image has come is one without views.
         if self._scan is None or self._scan.scan_id != message.scan_id:
-            self._start_scan(PosedImage(scan_id=message.scan_id, header=message.header,
-                                        world_frame=message.header.frame_id))
+            self._start_scan(PosedImage(
+                scan_id=message.scan_id, header=message.header, part=message.part,
+                unit_volume=message.unit_volume, world_frame=message.header.frame_id))
         self._arrival.add_stop()
         self._finish_if_complete()
 
@@ -233,7 +234,9 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         """Publishes why a region of the scan that has ended gives no volume."""
         assert self._scan is not None  # for the type checker
         scan, views = self._scan, self._scan_tally(measured.tally)
-        lost, error = views.skipped.get(Reason.VIEWS_LOST.value), measured.error
+        problems = self._stopped.problems if self._stopped else ()
+        lost = views.skipped.get(Reason.VIEWS_LOST.value)
+        error = "; ".join([measured.error, *problems])
         if lost:
             error += f"; {Reason.VIEWS_LOST}: {lost} of {views.received} never reached this node"
         self._volume.publish(StackVolume(
@@ -257,7 +260,8 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         tally = self._stack.tally
         self._status.publish(ScanStatus(
             header=self._scan.header, node="reconstructor", scan_id=self._scan.scan_id,
-            state=state, received=self._arrival.received, processed=tally.used,
+            part=self._scan.part, unit_volume=self._scan.unit_volume, state=state,
+            received=self._arrival.received, processed=tally.used,
             skip_reasons=list(tally.skipped), skip_counts=list(tally.skipped.values()),
             coverage=self._stack.coverage, stack_volume=self._running_volume))
 

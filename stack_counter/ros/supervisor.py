@@ -55,8 +55,11 @@ class Supervisor(Node):
             ConfigError: the file holds no such parameters.
         """
         super().__init__("supervisor", namespace=NAMESPACE)
-        named = load_config(parameters).reconstructor.regions
-        self._regions = [region.name for region in named] or [""]
+        config = load_config(parameters)
+        self._regions = [region.name for region in config.reconstructor.regions] or [""]
+        # Part and unit volume of the scans that name none, and of the open scan.
+        self._own_part = config.counter.part, config.counter.unit_volume_m3
+        self._part = "", 0.0
         self._counted: set[str] = set()  # regions of the open scan whose final count has come
         self._open_scan = ""  # id of the scan of which a final count has not come
         self._closed_scan = ""  # id of the scan before
@@ -82,6 +85,7 @@ class Supervisor(Node):
             # The collector reports a scan once, perhaps before this node has subscribed; the
             # reconstructor reports it with every view.
             self._open_scan = message.scan_id
+            self._part = message.part, message.unit_volume
 
     def _on_result(self, message: StackCount) -> None:
         # A counter that starts anew counts old volumes again: those results are no newer ones.
@@ -135,9 +139,10 @@ class Supervisor(Node):
         self._withdraw_losses()
         counting = any(process.name == "counter" and process.running
                        for process in self._processes)
+        part, unit_volume = self._part if any(self._part) else self._own_part
         for region in [name for name in self._regions if name not in self._counted]:
             fields = {"header": self._header_now(), "scan_id": self._open_scan, "region": region,
-                      "final": True, "error": error}
+                      "final": True, "part": part, "unit_volume": unit_volume, "error": error}
             if counting:
                 self._volume.publish(StackVolume(**fields))
             else:

@@ -90,10 +90,15 @@ def assert_the_other_transport_is_named(ros):
             "(or auto)")
     ros.wait(lambda: any(line in s.message for m in diagnostics for s in m.status),
              "the other transport in the diagnostics")
-    started = ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request())
+    states = ros.collect_messages(ScanStatus, f"{SPACE}/scan_status")
+    started = ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(
+        part="nut", unit_volume=2e-6))
     assert (started.accepted, started.message) == (True, line)
     stopped = ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request())
     assert (stopped.published, stopped.message) == (0, line)
+    ros.wait(lambda: states and states[-1].state == ScanStatus.STOPPED, "the end of the scan")
+    assert (states[-1].part, states[-1].unit_volume) == ("nut", 2e-6)
+    assert states[-1].problems == [line]
     ros.node.destroy_publisher(camera)
     ros.call(Trigger, f"{SPACE}/reset", Trigger.Request())
 

@@ -48,12 +48,13 @@ class Collector:
         for view in views:
             self._images.publish(to_posed_image(view, "base_link", name, "nut", 1e-6))
 
-    def stop(self, views, name):
+    def stop(self, views, name, problems=()):
         """Announces the end of a scan of so many views."""
         self._done = len(self._volumes)
         self._stop = ScanStatus(node="collector", scan_id=name, state=ScanStatus.STOPPED,
                                 received=views + 1, skip_reasons=["blurred"], skip_counts=[1],
-                                processed=views)
+                                processed=views, part="nut", unit_volume=1e-6,
+                                problems=problems)
         self._stop.header.frame_id = "base_link"
         self._status.publish(self._stop)
 
@@ -130,6 +131,14 @@ def test_too_few_views_say_so_and_lost_ones_are_named(reconstructor):
     assert {"container_unsure", "views_lost"} <= set(lost.reasons)
     assert dict(zip(lost.views.skip_reasons, lost.views.skip_counts)) == {
         "blurred": 1, "views_lost": 1}
+
+
+def test_a_scan_without_views_names_its_part_and_what_keeps_them_away(reconstructor):
+    reconstructor.stop(0, "empty", ["/c/compressed has 1 publisher"])
+    volume = reconstructor.final_volume("empty")
+    assert "0 views used" in volume.error and volume.error.endswith("; /c/compressed has 1 "
+                                                                    "publisher")
+    assert (volume.part, volume.unit_volume) == ("nut", 1e-6)
 
 
 def test_images_that_wait_in_a_node_that_stood_still_are_not_lost(ros, reconstructor):

@@ -45,7 +45,7 @@ def test_a_node_that_is_killed_comes_back_and_its_scan_is_reported_lost(ros, tmp
     camera = Camera(ros)
     ros.wait(reconstructor_is_ready, "the reconstructor")
     assert ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(
-        scan_id="doomed", unit_volume=1e-6)).accepted
+        scan_id="doomed", part="cube", unit_volume=1e-6)).accepted
     camera(0)
     ros.wait(lambda: any(s.scan_id == "doomed" and s.received for s in states), "a view")
     before = children(run)
@@ -54,6 +54,7 @@ def test_a_node_that_is_killed_comes_back_and_its_scan_is_reported_lost(ros, tmp
              "word of the lost scan")
     assert counts[-1].status == StackCount.STATUS_ERROR and counts[-1].final
     assert counts[-1].error == "scan 'doomed' lost: reconstructor ended with signal 9"
+    assert (counts[-1].part, counts[-1].unit_volume) == ("cube", 1e-6)
     ros.wait(lambda: any(s.level == DiagnosticStatus.ERROR and "signal 9" in s.message
                          for m in diagnostics for s in m.status), "an error in the diagnostics")
     states.clear()
