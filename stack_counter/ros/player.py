@@ -258,7 +258,10 @@ class Player(Node):
     def _images_ahead(self) -> int:
         """Returns the number of images played that no node has finished or skipped."""
         if self._cycle_ns:
-            return self._images_sent - self._images_finished
+            # Those of a cycle without any view are skipped, and the cycle is never closed.
+            status = self._collector
+            skipped = sum(status.skip_counts) if status.state == ScanStatus.SCANNING else 0
+            return self._images_sent - self._images_finished - skipped
         return self._images_sent - sum(self._collector.skip_counts) - self._reconstructor.received
 
     def _wait_for_room(self, max_ahead: int) -> None:

@@ -14,13 +14,16 @@ from kits.bags import bin_views, picture
 from stack_counter.bag.writer import Transform, write_rig_bag
 
 
-def station(tmp_path, cycles=4, failed=(), cameras=4):
-    """Paths of a recording and its settings; in a failed cycle one camera alone gives an image."""
+def station(tmp_path, cycles=4, failed=(), blurred=(), cameras=4):
+    """Paths of a recording and its settings.
+
+    In a failed cycle one camera alone gives an image; in a blurred one no image is of use.
+    """
     views = bin_views(count=cameras)
     poses = {f"camera{i}": view.T_world_camera for i, view in enumerate(views)}
     recorded = {name: [
         replace(view, camera=f"{name}_frame", stamp_ns=(k + 1) * 10**9,
-                color=picture(10 * k + i))
+                color=picture(10 * k + i) // (255 if k in blurred else 1))
         for k in range(cycles) if i == 0 or k not in failed]
         for i, (name, view) in enumerate(zip(poses, views))}
     write_rig_bag(tmp_path / "station", recorded, [

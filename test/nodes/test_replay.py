@@ -129,8 +129,8 @@ def test_a_station_counts_every_cycle_and_names_the_dead_camera(tmp_path, capsys
 
 
 def test_a_failed_cycle_is_a_row_and_takes_nothing_from_the_others(tmp_path, capsys):
-    """One in the middle and the last, and running volumes after every view in between."""
-    recording, settings = station(tmp_path, cycles=4, failed=(1, 3))
+    """One in the middle and the last; and one without any view, which is no cycle."""
+    recording, settings = station(tmp_path, cycles=5, failed=(1, 4), blurred=(2,))
     results, rows = [], []
     for how in ("--nodes", "--direct"):
         out = tmp_path / f"{how}.json"
@@ -145,7 +145,7 @@ def test_a_failed_cycle_is_a_row_and_takes_nothing_from_the_others(tmp_path, cap
     assert [entry["count"] is None for entry in results[0]["counts"]] == [
         False, True, False, True]
     failed = results[0]["counts"][3]
-    assert failed["stamp_ns"] == 4 * 10**9 and failed["error"].startswith("1 views used of 1")
+    assert failed["stamp_ns"] == 5 * 10**9 and failed["error"].startswith("1 views used of 1")
     assert failed["missing_cameras"] == ["camera1", "camera2", "camera3"]
-    assert rows[0][3] == ("cycle at 4.000 s: no count, without camera1, camera2, camera3: "
+    assert rows[0][3] == ("cycle at 5.000 s: no count, without camera1, camera2, camera3: "
                           + failed["error"])
