@@ -2,7 +2,7 @@
 """The command `stack-counter`.
 
 Exit codes: 0 a count (0 for an empty container is one); 2 the command line, part, configuration
-or a path that is not there; 3 a bag that cannot give a count, with one line on stderr.
+or a path that is not there; 3 a bag that cannot give a count, with one line on stderr; 130 Ctrl-C.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ _EVALUATIONS = {
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command; returns its exit code."""
-    options = _make_parser().parse_args(arguments)
     # Skipped views are counted in the result; one line on stderr is for what ends the command.
     logging.basicConfig(level=logging.ERROR, format="%(message)s", stream=sys.stderr)
     try:
+        options = _make_parser().parse_args(arguments)
         with _interrupted_by_sigterm():
             return options.run(options)
     except (ConfigError, MeshError, PartError, WeightsError, OSError) as error:

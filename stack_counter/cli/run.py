@@ -12,8 +12,10 @@ import yaml
 
 from stack_counter.cli.common import add_config_argument
 from stack_counter.config import NAMESPACE, Config, load_config
+from stack_counter.container.catalogue import configured_container
 from stack_counter.errors import ConfigError
 from stack_counter.files import config_path
+from stack_counter.parts.catalogue import resolve_part
 
 _NODES = ("collector", "reconstructor", "counter")
 # Parameters that every node has beside its settings.
@@ -31,13 +33,16 @@ def add_run(commands: argparse._SubParsersAction) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    # Refuse at once what the nodes cannot start with.
     path = options.config or config_path("stack_counter.yaml")
-    load_config(path)  # raises what is wrong with it, before anything starts
+    config = load_config(path)
     part = [f"part:={options.part}"] if options.part else []
     given = parse_parameters([*options.parameters, *part])
     with tempfile.TemporaryDirectory(prefix="stack_counter_") as folder:
         if given:
-            path = write_parameters(path, given, Path(folder) / "parameters.yaml")
+            file, path = path, Path(folder) / "parameters.yaml"
+            config = write_parameters(file, given, path)
+        _check_catalogues(config)
         from stack_counter.ros.supervisor import supervise
 
         return supervise(path)
@@ -61,11 +66,11 @@ def parse_parameters(lines: list[str]) -> dict[str, Any]:
     return given
 
 
-def write_parameters(file: Path, given: dict[str, Any], out: Path) -> Path:
+def write_parameters(file: Path, given: dict[str, Any], out: Path) -> Config:
     """Writes a ROS parameter file: that of `file`, with what is given for each node that has it.
 
     Returns:
-        Path of the written file.
+        The settings in the written file.
 
     Raises:
         ConfigError: a value that its node does not take.
@@ -78,8 +83,20 @@ def write_parameters(file: Path, given: dict[str, Any], out: Path) -> Path:
             settings.setdefault(node, {})[name] = value
     out.write_text(yaml.safe_dump({f"{NAMESPACE}/{node}": {"ros__parameters": values}
                                    for node, values in settings.items()}, sort_keys=False))
-    load_config(out)
-    return out
+    return load_config(out)
+
+
+def _check_catalogues(config: Config) -> None:
+    """Looks up part and container: nodes that do not know them would start, and never be ready.
+
+    Raises:
+        PartError: the part is unknown.
+        ConfigError: the container is unknown, or a catalogue is missing or malformed.
+    """
+    for settings in (config.counter, config.collector):
+        if settings.part or settings.unit_volume_m3:
+            resolve_part(settings.part, settings.unit_volume_m3, settings.part_catalogue)
+    configured_container(config.reconstructor)
 
 
 def _nodes_with(name: str) -> list[str]:

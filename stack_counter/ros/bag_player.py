@@ -143,7 +143,7 @@ def playable_topics(topics: Mapping[str, tuple[str, int]]
 def _publishing_node() -> Iterator[Node]:
     """Makes a node in a context of its own, which leaves signals to the command."""
     context = rclpy.context.Context()
-    rclpy.init(context=context)
+    rclpy.init(args=[], context=context)  # the command's own words are not for ROS
     node = rclpy.create_node("bag_player", namespace=NAMESPACE, context=context)
     try:
         yield node

@@ -125,7 +125,7 @@ def _spinning_player(rig: Rig, reader: BagReader, cycles: bool, regions: list[st
                      nodes: NodeProcesses, domain_id: int) -> Iterator[Player]:
     """Spins a player of the bag in a thread, on a ROS domain of its own."""
     context = rclpy.context.Context()
-    rclpy.init(context=context, domain_id=domain_id)
+    rclpy.init(args=[], context=context, domain_id=domain_id)
     assembler = RigAssembler(rig)
     topics = {name: reader.topics[name][0] for name in subscribed_topics(assembler)
               if name in reader.topics}

@@ -69,7 +69,7 @@ def _start_node(name: str, parameters: Path, environment: Mapping[str, str], out
         output: where the node's stdout and stderr go, as for `subprocess.Popen`.
     """
     return subprocess.Popen(
-        [sys.executable, "-m", f"stack_counter.nodes.{name}", "--ros-args", "--params-file",
+        [sys.executable, "-m", "stack_counter.nodes", name, "--ros-args", "--params-file",
          str(parameters)],
         env={**os.environ, **environment, ENDS_WITH_STDIN: "1"}, stdin=subprocess.PIPE,
         stdout=output, stderr=subprocess.STDOUT, text=True, errors="replace",

@@ -188,7 +188,7 @@ def supervise(parameters: Path) -> int:
         ConfigError: security is asked for and cannot be had.
     """
     check_security()
-    rclpy.init()
+    rclpy.init(args=[])  # the command's own words are not for ROS
     node = Supervisor(parameters)
     executor = SingleThreadedExecutor()
     executor.add_node(node)

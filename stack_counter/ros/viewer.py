@@ -216,7 +216,7 @@ def view(topics: Collection[str], host: str, port: int,
     """
     check_security()
     os.environ.update(shared_memory_environment())
-    rclpy.init()
+    rclpy.init(args=[])  # the command's own words are not for ROS
     viewer = None
     try:
         viewer = Viewer(topics, host, port)

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of `stack-counter run`; what they start is tested with the supervisor."""
 
+import sys
+from importlib import import_module
+
 import pytest
 import yaml
 from kits.command import run
@@ -16,8 +19,9 @@ def test_what_is_given_stands_on_top_of_the_file_for_each_node_that_has_it(tmp_p
                     "    confidence: 0.8\n    use_sim_time: true\n")
     given = parse_parameters(["part:=007", "unit_volume_m3:=2e-6", "expected_count:=180",
                               "live:=true", "autostart:=false", "reliable:=false"])
-    out = write_parameters(file, given, tmp_path / "out.yaml")
-    config = load_config(out)
+    out = tmp_path / "out.yaml"
+    config = write_parameters(file, given, out)
+    assert load_config(out) == config
     assert (config.counter.part, config.collector.part) == ("007", "007")
     assert (config.counter.unit_volume_m3, config.counter.confidence) == (2e-6, 0.8)
     assert config.counter.expected_count == 180 and config.reconstructor.live
@@ -30,12 +34,39 @@ def test_what_is_given_stands_on_top_of_the_file_for_each_node_that_has_it(tmp_p
 @pytest.mark.parametrize("line, text", [
     ("mode", "expected NAME:=VALUE"), ("nosuch:=1", "unknown parameter 'nosuch'"),
     ("mode:=often", "mode is 'often'"), ("confidence:=high", "confidence is 'high'"),
-    ("confidence:=2", "confidence is 2.0"), ("live:=x", "live is 'x'")])
+    ("confidence:=2", "confidence is 2.0"), ("live:=x", "live is 'x'"),
+    ("part:=nosuch", "unknown part 'nosuch'"), ("container:=nosuch", "container 'nosuch'")])
 def test_what_no_node_takes_is_refused_before_anything_starts(capsys, line, text):
     code, _, err = run(capsys, "run", line)
     assert code == 2 and text in err
 
 
 def test_the_shipped_file_takes_a_part(tmp_path):
-    out = write_parameters(config_path("stack_counter.yaml"), {"part": "nut"}, tmp_path / "o.yaml")
-    assert load_config(out).counter.part == "nut"
+    shipped = config_path("stack_counter.yaml")
+    assert write_parameters(shipped, {"part": "nut"}, tmp_path / "o.yaml").counter.part == "nut"
+
+
+def test_a_part_that_the_file_names_is_looked_up_too(capsys, tmp_path):
+    file = tmp_path / "p.yaml"
+    file.write_text("/stack_counter/counter:\n  ros__parameters: {part: nosuch}\n")
+    code, _, err = run(capsys, "run", "--config", file)
+    assert code == 2 and "unknown part 'nosuch'" in err
+
+
+@pytest.mark.parametrize("module", ["supervisor", "viewer"])
+def test_the_words_of_a_command_are_not_for_ros(monkeypatch, module):
+    # As global arguments, mode:=scan would be a remap rule in old syntax, which ROS warns of.
+    pytest.importorskip("rclpy")
+    monkeypatch.setattr("sys.argv", ["stack-counter", "run", "mode:=scan"])
+    started = import_module(f"stack_counter.ros.{module}")
+
+    def refuse(args=None, **_):
+        raise InterruptedError(*(sys.argv if args is None else args))
+
+    monkeypatch.setattr(started.rclpy, "init", refuse)
+    with pytest.raises(InterruptedError) as caught:
+        if module == "supervisor":
+            started.supervise(config_path("stack_counter.yaml"))
+        else:
+            started.view([], "127.0.0.1", 0, print)
+    assert caught.value.args == ()

@@ -46,8 +46,22 @@ def test_no_node_outlives_its_command(tmp_path, command, number):
     arguments = {"replay": ("replay", "bags/demo", "--part", "demo_nut"), "run": ("run",)}[command]
     code = end(start(tmp_path, *arguments), number, 3)
     assert code in ((-number,) if number == signal.SIGKILL else (0, 130))
-    # A node that is interrupted while it starts prints where, behind its name.
-    assert "\nTraceback" not in "\n" + (tmp_path / "log").read_text()
+    assert "Traceback" not in (tmp_path / "log").read_text()
+
+
+@pytest.mark.parametrize("words", [("stack_counter", "--version"),
+                                   ("stack_counter.nodes", "collector")])
+def test_an_interrupt_while_libraries_load_prints_nothing(words):
+    code = ("import runpy, sys\n"
+            "class Interrupt:\n"
+            "    def find_spec(self, name, *_):\n"
+            "        if name == 'numpy':\n"
+            "            raise KeyboardInterrupt\n"
+            "sys.meta_path.insert(0, Interrupt())\n"
+            "runpy.run_module(sys.argv.pop(1), run_name='__main__', alter_sys=True)\n")
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True,
+                          cwd=ROOT, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
 def test_part_add_that_is_terminated_leaves_nothing(tmp_path):

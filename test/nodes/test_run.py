@@ -23,7 +23,7 @@ def children(process):
     ids = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     lines = {int(i): Path(f"/proc/{i}/cmdline").read_text() for i in ids}
     return {name: i for i, line in lines.items()
-            for name in ("collector", "reconstructor", "counter") if f"nodes.{name}" in line}
+            for name in ("collector", "reconstructor", "counter") if f"nodes\0{name}\0" in line}
 
 
 def test_a_node_that_is_killed_comes_back_and_its_scan_is_reported_lost(ros, tmp_path):
