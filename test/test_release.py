@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import pytest
 from catkin_pkg.package import parse_package
 from catkin_pkg.package_version import get_forthcoming_label
+from setuptools import find_packages
 
 import stack_counter
 
@@ -33,6 +34,13 @@ def test_the_tools_of_a_release_take_package_and_changelog(folder):
     changelog = (ROOT / folder / "CHANGELOG.rst").read_text()
     assert f"Changelog for package {package.name}\n" in changelog
     assert get_forthcoming_label(changelog) == "Forthcoming"
+
+
+def test_every_folder_with_modules_is_installed():
+    package = Path(stack_counter.__file__).parent
+    folders = {path.parent.relative_to(package.parent) for path in package.rglob("*.py")}
+    assert {str(folder).replace("/", ".") for folder in folders} <= set(
+        find_packages(str(package.parent), include=["stack_counter", "stack_counter.*"]))
 
 
 def test_the_package_says_that_it_is_typed():

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replays that end by a signal at a random moment; prints which of their processes go on.
 
-    PYTHONPATH=test python test/nodes/killed.py [--runs 20] [--seed 0]
+    PYTHONPATH=test python test/nodes/killed.py [--runs 20] [--latest-s 22]
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from kits.survivors import descendants, is_running
 
 ROOT = Path(__file__).parents[2]
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGKILL)
-LATEST_S = 22.0  # of the signal, seconds from the start: later than a replay takes
 PATIENCE_S = 40.0  # of waiting for processes to end
 
 
@@ -44,11 +43,14 @@ def main() -> int:
     """Ends replays; returns 0 if no process of theirs goes on."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--latest-s", type=float, default=22.0,
+                        help="time of the last signals, s: as long as a replay takes")
     options = parser.parse_args()
-    chance, bad = random.Random(options.seed), 0
+    chance, bad = random.Random(0), 0
+    # Children of a job in the background would ignore it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     for number in range(options.runs):
-        ended_by, after_s = SIGNALS[number % len(SIGNALS)], chance.uniform(1.0, LATEST_S)
+        ended_by, after_s = SIGNALS[number % len(SIGNALS)], chance.uniform(1.0, options.latest_s)
         begin = time.monotonic()
         code, seen, left = survivors_of(ended_by, after_s)
         bad += bool(left)
