@@ -38,11 +38,14 @@ class ScanSessionSettings:
             without a scan that was sent before its views count as lost: it started anew. It
             reports every 0.2 s; time alone would pass while either of us stands still.
         many_scans: more scans than these waiting are a problem to name.
+        late_tick_s: a call of the timer that comes so long after the one before, seconds, comes
+            from a node that stood still: twice the timer's period.
     """
 
     announce_again_s: float = 2.0
     lost_after_ticks: int = 50
     many_scans: int = 2
+    late_tick_s: float = 0.2
 
 
 SETTINGS = ScanSessionSettings()
@@ -102,7 +105,7 @@ class ScanSession(ABC):
         self.accepting_images = self.reconstructor_ready = False
         self._tally_before = ViewTally()  # of the source, when the last scan was closed
         self.late: Counter[str] = Counter()
-        self._announced_at = 0.0
+        self._announced_at = self._ticked_at = 0.0
         # The reconstructor reports that it has no scan, though views of one were sent.
         self._unknown_ticks, self._unknown_since_tick = 0, False
 
@@ -176,9 +179,11 @@ class ScanSession(ABC):
         Args:
             message_since_tick: a message of a camera was handled since the last call. Then images
                 may lie in our own queues, and it is we who are late: no cycle is given up.
+                Neither is one by the first call after the node stood still.
         """
-        events = self.collect_views()
-        if not message_since_tick and (closed := self.close_waiting(expired_only=True)):
+        events, now = self.collect_views(), self._clock()
+        is_late, self._ticked_at = now - self._ticked_at > SETTINGS.late_tick_s, now
+        if not message_since_tick and not is_late and (closed := self.close_waiting(expired_only=True)):
             events += [*closed, self._views_decided()]
         self._unknown_ticks += self._unknown_since_tick
         self._unknown_since_tick = False
