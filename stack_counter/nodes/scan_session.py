@@ -183,7 +183,8 @@ class ScanSession(ABC):
         """
         events, now = self.collect_views(), self._clock()
         is_late, self._ticked_at = now - self._ticked_at > SETTINGS.late_tick_s, now
-        if not message_since_tick and not is_late and (closed := self.close_waiting(expired_only=True)):
+        if not (message_since_tick or is_late) \
+                and (closed := self.close_waiting(expired_only=True)):
             events += [*closed, self._views_decided()]
         self._unknown_ticks += self._unknown_since_tick
         self._unknown_since_tick = False
