@@ -38,7 +38,7 @@ from mcap.writer import IndexType
 from rosbags.rosbag2 import CompressionMode
 
 from stack_counter.bag.formats import opening
-from stack_counter.bag.formats.recording_file import TopicDecoder
+from stack_counter.bag.formats.recording_file import TopicDecoder, is_latched
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.replay import measure_bag
 from stack_counter.config import load_config
@@ -196,6 +196,14 @@ def test_recorders_may_leave_out_what_they_like_of_the_index(tmp_path, messages,
     path.write_bytes(path.read_bytes()[:-30])  # nothing is lost with the end of the index
     assert read(path) == [(t, topic, data) for t, topic, _, data in messages]
     assert BagReader(path).truncated
+
+
+@pytest.mark.parametrize("profiles, latched", [
+    ("- durability: transient_local\n", True), ("- durability: 1\n", True),
+    ("- durability: volatile\n- durability: 2\n", False), ("", False), ("[", False),
+    ("[1, 2]", False)])
+def test_latched_topics_are_those_that_were(profiles, latched):
+    assert is_latched(profiles) == latched
 
 
 # --- types ------------------------------------------------------------------------------------
