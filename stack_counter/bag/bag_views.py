@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from stack_counter.bag.reader import BagReader
+from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
 from stack_counter.types import View
@@ -36,19 +37,20 @@ class BagViews:
         reading_s: time spent so far on reading messages and making views of them, seconds.
     """
 
-    def __init__(self, path: Path, collector: CollectorConfig):
+    def __init__(self, path: Path, collector: CollectorConfig, time_range: TimeRange = WHOLE_BAG):
         """Opens the bag and fits the cameras to the topics it has.
 
         Args:
-            path: rosbag2 folder or .mcap file.
+            path: rosbag2 folder, or a file of a recording.
             collector: settings of the cameras.
+            time_range: the part of the bag whose images are used.
 
         Raises:
             FileNotFoundError: there is no such path.
             BagError: the bag cannot be read, or has no colour images of these cameras.
             ConfigError: the rig file cannot be used.
         """
-        self.reader = BagReader(path)
+        self.reader = BagReader(path, time_range)
         self.assembler = RigAssembler(fit_rig_to_bag(load_rig(collector), self.reader.topics),
                                       live=False)
         self.reading_s = 0.0
@@ -126,7 +128,7 @@ def subscribed_topics(assembler: RigAssembler) -> list[str]:
 
 
 def read_views(reader: BagReader, assembler: RigAssembler) -> Iterator[tuple[str, View]]:
-    """Feeds a bag to the cameras' assemblers.
+    """Feeds a bag, or the part of it that its reader gives, to the cameras' assemblers.
 
     Yields:
         Camera names and views, of each camera in stamp order.
@@ -135,7 +137,8 @@ def read_views(reader: BagReader, assembler: RigAssembler) -> Iterator[tuple[str
         BagError: a message does not decode.
     """
     handlers = assembler.topic_handlers()
-    for record in reader.records(set(subscribed_topics(assembler))):
+    for record in reader.records(set(subscribed_topics(assembler)),
+                                 set(assembler.color_topics())):
         try:
             message = record.decode()
         except Exception as error:  # the decoder's errors are of many classes

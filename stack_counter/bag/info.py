@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 from stack_counter.bag.bag_views import fit_rig_to_bag, read_views
 from stack_counter.bag.reader import BagReader
+from stack_counter.bag.sampling import sampled_parts
+from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
 from stack_counter.types import View, ViewTally
@@ -14,16 +17,23 @@ from stack_counter.views.rig import load_rig
 from stack_counter.views.rig_assembler import RigAssembler
 
 
-def describe_bag(path: Path, config: CollectorConfig) -> str:
+def describe_bag(path: Path, config: CollectorConfig, time_range: TimeRange = WHOLE_BAG) -> str:
     """Describes topics, frames, views and problems, one a line.
+
+    Of a long recording only parts are looked at, evenly spread over its images.
+
+    Args:
+        path: rosbag2 folder, or a file of a recording.
+        config: settings of the cameras.
+        time_range: the part of the bag whose images are looked at.
 
     Raises:
         FileNotFoundError: there is no such path.
         BagError: the bag cannot be read.
     """
-    reader = BagReader(path)
-    lines = ["topics"] + [f"  {topic}  {kind}  {count}"
-                          for topic, (kind, count) in reader.topics.items()]
+    reader = BagReader(path, time_range)
+    lines = [_describe_extent(reader), "topics"]
+    lines += [f"  {topic}  {kind}  {count}" for topic, (kind, count) in reader.topics.items()]
     lines += [f"recorded {key}: {value}" for key, value in reader.facts.items()]
     # Read the views, if there are images.
     try:
@@ -31,23 +41,39 @@ def describe_bag(path: Path, config: CollectorConfig) -> str:
     except BagError as error:
         return "\n".join([*lines, "problems", f"  {error}"])
     assembler = RigAssembler(rig, live=False)
-    views = [view for _, view in read_views(reader, assembler)]
+    parts = sampled_parts(reader, set(assembler.color_topics()))
+    first, last = None, None
+    for part in parts:
+        for _, view in read_views(reader.part(part), assembler):
+            first, last = first or view, view
     # Describe them, and name what is wrong.
     fitted = rig.cameras[0].config
-    lines += _describe_views(views, assembler.tally, fitted, config.world_frame)
+    lines += [_describe_tally(assembler.tally, parts)]
+    lines += _describe_views(first, last, fitted, config.world_frame)
     problems = (["the bag is cut short"] if reader.truncated else []) + assembler.last_errors
     if not fitted.depth_topic and not fitted.labels_topic:
         problems.append("neither depth nor labels: nothing to carve with")
     return "\n".join(lines + (["problems"] + [f"  {p}" for p in problems] if problems else []))
 
 
-def _describe_views(views: list[View], tally: ViewTally, camera: CollectorConfig,
+def _describe_extent(reader: BagReader) -> str:
+    began = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(reader.start_ns // 10**9))
+    return f"bag      {reader.duration_ns * 1e-9:.3f} s from {began} UTC, " \
+           f"{reader.size / 1e6:.1f} MB"
+
+
+def _describe_tally(tally: ViewTally, parts: list[TimeRange]) -> str:
+    """How many images can be used, and of how many that were looked at."""
+    which = f" looked at, in {len(parts)} parts of the bag" if len(parts) > 1 else ""
+    return f"views    {tally.used} usable of {tally.received}{which}" \
+        + "".join(f", {n} {reason}" for reason, n in tally.skipped.items())
+
+
+def _describe_views(first: View | None, last: View | None, camera: CollectorConfig,
                     world_frame: str) -> list[str]:
-    lines = [f"views    {tally.used} usable of {tally.received}"
-             + "".join(f", {n} {reason}" for reason, n in tally.skipped.items())]
-    if not views:
-        return lines
-    k, span_s = views[0].intrinsics, (views[-1].stamp_ns - views[0].stamp_ns) * 1e-9
-    return [*lines, f"frames   {views[0].camera} in {world_frame}",
+    if first is None or last is None:
+        return []
+    k, span_s = first.intrinsics, (last.stamp_ns - first.stamp_ns) * 1e-9
+    return [f"frames   {first.camera} in {world_frame}",
             f"images   {k.width}x{k.height}, depth {'yes' if camera.depth_topic else 'no'}, "
             f"labels {'yes' if camera.labels_topic else 'no'}", f"duration {span_s:.1f} s"]

@@ -23,7 +23,7 @@ def message_definition(kind: str) -> str:
     Raises:
         BagError: no such type is known.
     """
-    store = _type_store()
+    store = known_types()
     if kind not in store.types:
         raise BagError(f"unknown message type '{kind}'; expected one of ROS 2 Jazzy or of "
                        f"{_OUR_PACKAGE}")
@@ -31,8 +31,8 @@ def message_definition(kind: str) -> str:
 
 
 @cache
-def _type_store() -> Typestore:
-    """Types of ROS 2 and, where its package is installed, of this package's own."""
+def known_types() -> Typestore:
+    """Returns the types of ROS 2 and, where its package is installed, of this package's own."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for folder in share_folders(_OUR_PACKAGE):
         for path in sorted(folder.glob("msg/*.msg")):

@@ -1,42 +1,50 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads recorded bags: rosbag2 folders and bare .mcap files, whole or cut short; no ROS needed."""
+"""Reads recorded bags of all formats, whole or cut short; no ROS needed.
+
+A bag is never read as a whole: its files are indexed, and messages come one after the other.
+"""
 
 from __future__ import annotations
 
+import copy
 import heapq
 import json
-from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import partial
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Set
+from dataclasses import dataclass, replace
+from operator import itemgetter
 from pathlib import Path
-from typing import Any
 
-import yaml
-from mcap_ros2.decoder import DecoderFactory
+import numpy as np
 
-from stack_counter.bag.mcap_file import McapFile, RawMessage
-from stack_counter.bag.scan_file import END_FACTS, FACTS, finished_recordings
+from stack_counter.bag.bag_paths import find_recordings
+from stack_counter.bag.formats.opening import open_recording
+from stack_counter.bag.formats.recording_file import NEVER_NS, Record, RecordingFile
+from stack_counter.bag.scan_file import END_FACTS, FACTS
+from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
 from stack_counter.errors import BagError
 
-_TRANSIENT_LOCAL = 1  # durability, as recorders before Jazzy write it
+STATIC_TF_TOPIC = "/tf_static"
+_CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
 
 @dataclass(frozen=True)
-class Record:
-    """One message as recorded.
+class BagReaderSettings:
+    """How a part of a bag is read.
 
     Attributes:
-        topic: on which it was published.
-        log_time_ns: time of recording, ns since 1970.
-        data: serialised message, CDR.
-        decode: makes the message of `data`; raises whatever the decoder raises.
+        margin_ns: how long before and after the part that is asked for messages other than colour
+            images are read as well, ns: a view takes depth and transforms from around its image.
+            Chosen: five times the gap of transforms that is interpolated in.
+        look_back_ns: how far before the part calibrations are looked for at first, ns; then ten
+            times as far, and so on. Chosen.
     """
 
-    topic: str
-    log_time_ns: int
-    data: bytes
-    decode: Callable[[], Any]
+    margin_ns: int = 5 * 10**8
+    look_back_ns: int = 10**10
+
+
+SETTINGS = BagReaderSettings()
 
 
 class BagReader:
@@ -45,31 +53,42 @@ class BagReader:
     Attributes:
         topics: type name and number of messages by topic, of topics that have messages.
         facts: what the collector stored with the recording of a scan, by key; else empty.
+        start_ns: log time of the first message, ns since 1970; 0 without messages.
+        duration_ns: from the first to the last message, ns.
+        size: of the files, unpacked, bytes.
+        time_range: the part of the bag that `records` gives.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, time_range: TimeRange = WHOLE_BAG):
         """Finds the files and what is in them.
+
+        Args:
+            path: rosbag2 folder, or a file of a recording.
+            time_range: what `records` gives.
 
         Raises:
             FileNotFoundError: there is no such path.
-            BagError: the path is no mcap file, or a folder without one.
+            BagError: the path is no recording, a folder without one, or shorter than the range.
         """
-        self._files = [McapFile(p) for p in _mcap_paths(path)]
-        # Schemas are numbered within a file: each file has a decoder of its own.
-        self._factories = [DecoderFactory() for _ in self._files]
+        self._files: list[RecordingFile] = [open_recording(p) for p in find_recordings(path)]
         # Sum up the messages of each topic over the files.
         types: dict[str, str] = {}
         counts: Counter[str] = Counter()
         for file in self._files:
-            for channel_id, count in file.counts.items():
-                channel = file.channels.get(channel_id)
-                schema = file.schemas.get(channel.schema_id) if channel else None
-                if channel and schema and count:
-                    types[channel.topic] = schema.name
-                    counts[channel.topic] += count
+            for topic, (kind, count) in file.topics.items():
+                types[topic] = kind
+                counts[topic] += count
         self.topics = {topic: (types[topic], counts[topic]) for topic in sorted(types)}
         self.facts = {key: value for file in self._files for name in (FACTS, END_FACTS)
                       for key, value in file.metadata.get(name, {}).items()}
+        start_ns = min(file.start_ns for file in self._files)
+        self.start_ns = start_ns if start_ns < NEVER_NS else 0
+        self.duration_ns = max(max(file.end_ns for file in self._files) - self.start_ns, 0)
+        self.size = sum(file.size for file in self._files)
+        if time_range.start_ns > self.duration_ns:
+            raise BagError(f"{path} lasts {self.duration_ns * 1e-9:.3f} s; expected more than "
+                           f"{time_range.start_ns * 1e-9:g} s, where the part asked for begins")
+        self.time_range = time_range
 
     @property
     def overrun(self) -> set[tuple[str, int]]:
@@ -79,8 +98,7 @@ class BagReader:
     @property
     def latched(self) -> set[str]:
         """Topics that were recorded from publishers who offer old messages to late subscribers."""
-        return {channel.topic for file in self._files for channel in file.channels.values()
-                if _is_latched(channel.metadata.get("offered_qos_profiles", ""))}
+        return set().union(*(file.latched for file in self._files))
 
     @property
     def truncated(self) -> bool:
@@ -88,84 +106,74 @@ class BagReader:
         return any(file.truncated for file in self._files) \
             or self.facts.get("ended", "").startswith("cut")
 
-    def records(self, topics: set[str]) -> Iterator[Record]:
-        """Messages of these topics in log-time order; of equal times, in file order."""
-        blocks = sorted((block.start_ns, number, block.offset, block)
-                        for number, file in enumerate(self._files) for block in file.blocks)
-        pending: list[tuple[int, int, int, int, RawMessage]] = []  # heap, the earliest first
-        next_block = 0
-        while pending or next_block < len(blocks):
-            # Load every block that may hold a message as early as the earliest pending one.
-            while next_block < len(blocks) and (not pending
-                                                or blocks[next_block][0] <= pending[0][0]):
-                _, number, offset, block = blocks[next_block]
-                next_block += 1
-                file = self._files[number]
-                for place, message in enumerate(file.load(block)):
-                    channel = file.channels.get(message.channel_id)
-                    if channel and channel.topic in topics:
-                        heapq.heappush(pending,
-                                       (message.log_time_ns, number, offset, place, message))
-            if pending:
-                _, number, _, _, message = heapq.heappop(pending)
-                yield self._record(number, message)
+    def part(self, time_range: TimeRange) -> BagReader:
+        """The same bag, of which `records` gives another part."""
+        other = copy.copy(self)
+        other.time_range = time_range
+        return other
 
-    def _record(self, number: int, message: RawMessage) -> Record:
-        file = self._files[number]
-        channel = file.channels[message.channel_id]
-        schema = file.schemas.get(channel.schema_id)
-        decoder = self._factories[number].decoder_for(channel.message_encoding, schema)
-        if decoder is None:
-            raise BagError(f"{channel.topic} is encoded as '{channel.message_encoding}', its type "
-                           f"as '{schema.encoding if schema else ''}'; expected cdr, ros2msg")
-        return Record(channel.topic, message.log_time_ns, message.data,
-                      partial(decoder, message.data))
+    def times_ns(self, topics: Set[str]) -> np.ndarray:
+        """When these topics have messages: (n,) int64, ns after the beginning of the bag, rising.
+
+        One time for each message, or for each chunk of a file that has some.
+        """
+        times = [file.times_ns(topics) for file in self._files]
+        return np.sort(np.concatenate(times)) - self.start_ns
+
+    def records(self, topics: Set[str], color_topics: Set[str] = frozenset()) -> Iterator[Record]:
+        """Messages of the part of the bag in log-time order; of equal times, in file order.
+
+        Colour images are those of the part. Other messages come from a little before to a little
+        after it; static transforms and the last calibrations before it come first, as if they
+        were sent at its beginning.
+
+        Args:
+            topics: whose messages are wanted.
+            color_topics: those of them with colour images.
+
+        Raises:
+            BagError: a message is damaged, or how it is serialised is not known.
+        """
+        if self.time_range == WHOLE_BAG:
+            yield from self._records_between(topics, 0, NEVER_NS)
+            return
+        begin, end = self.time_range.between(self.start_ns)
+        early = begin - SETTINGS.margin_ns
+        for record in self._lasting_records(topics, early):
+            yield replace(record, log_time_ns=max(early, self.start_ns))
+        for record in self._records_between(topics, early, end + SETTINGS.margin_ns):
+            if record.topic not in color_topics or begin <= record.log_time_ns < end:
+                yield record
+
+    def _records_between(self, topics: Set[str], start_ns: int, end_ns: int) -> Iterator[Record]:
+        """Messages of all files by time; no file is read before its first message is due."""
+        files = [_timed_records(file, topics, start_ns, end_ns) for file in self._files
+                 if file.end_ns >= start_ns and file.start_ns < end_ns]
+        for _, record in heapq.merge(*files, key=itemgetter(0)):
+            if record is not None:
+                yield record
+
+    def _lasting_records(self, topics: Set[str], before_ns: int) -> Iterator[Record]:
+        """What still holds at a time: static transforms, and the last calibration of a camera."""
+        if STATIC_TF_TOPIC in topics:
+            yield from self._records_between({STATIC_TF_TOPIC}, 0, before_ns)
+        for topic in sorted(topics):
+            if self.topics.get(topic, ("", 0))[0] == _CAMERA_INFO:
+                yield from self._last_before(topic, before_ns)
+
+    def _last_before(self, topic: str, before_ns: int) -> Iterable[Record]:
+        """The last message of a topic before a time, if there is one."""
+        look_back = SETTINGS.look_back_ns
+        while True:
+            last = deque(self._records_between({topic}, before_ns - look_back, before_ns), 1)
+            if last or before_ns - look_back <= self.start_ns:
+                return last
+            look_back *= 10
 
 
-def _is_latched(profiles: str) -> bool:
-    """Whether a recorder's YAML list of offered profiles has one of transient local durability."""
-    try:
-        return any(profile.get("durability") in ("transient_local", _TRANSIENT_LOCAL)
-                   for profile in yaml.safe_load(profiles) or [])
-    except (yaml.YAMLError, TypeError, AttributeError):
-        return False
-
-
-def _mcap_paths(path: Path) -> list[Path]:
-    """Paths of the .mcap files of a bag."""
-    if not path.exists():
-        raise FileNotFoundError(f"no bag {path}; expected a rosbag2 folder or .mcap file")
-    if path.is_file():
-        return [path]
-    paths = sorted(path.glob("*.mcap"))
-    if not paths:
-        raise BagError(f"no .mcap file in {path}; it holds "
-                       f"{sorted(p.name for p in path.iterdir())[:8]}")
-    if len(scans := finished_recordings(path)) > 1:
-        raise BagError(f"{path} holds the recordings of {len(scans)} scans; expected one: name "
-                       f"its file, e.g. {scans[-1]}")
-    _check_metadata(path)
-    return paths
-
-
-def _check_metadata(folder: Path) -> None:
-    """Refuses a rosbag2 folder that is compressed as a whole or lacks a file it names.
-
-    A folder without metadata.yaml passes: a recorder that was killed leaves none.
-    """
-    try:
-        metadata = yaml.safe_load((folder / "metadata.yaml").read_text())
-        information = metadata["rosbag2_bagfile_information"]
-        names, compression = information["relative_file_paths"], information.get(
-            "compression_mode")
-    except FileNotFoundError:
-        return
-    except (yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, AttributeError) as error:
-        raise BagError(f"{folder / 'metadata.yaml'} is not a rosbag2 metadata file: "
-                       f"{str(error).splitlines()[0]}") from error
-    if str(compression or "none").lower() not in ("none", "storage"):
-        raise BagError(f"{folder} is compressed by '{compression}'; expected none, or chunks "
-                       "compressed within the .mcap file")
-    missing = [name for name in names if not (folder / name).is_file()]
-    if missing:
-        raise BagError(f"{folder} lacks {', '.join(missing)}, named in its metadata.yaml")
+def _timed_records(file: RecordingFile, topics: Set[str], start_ns: int, end_ns: int
+                   ) -> Iterator[tuple[int, Record | None]]:
+    """Times and records of a file; the first, without a record, reads nothing yet."""
+    yield file.start_ns, None
+    for record in file.records(topics, start_ns, end_ns):
+        yield record.log_time_ns, record

@@ -27,6 +27,7 @@ from stack_counter.bag.replayed import (
     replayed_cycles,
     require_count,
 )
+from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
 from stack_counter.config import Config, load_config
 from stack_counter.counting import with_reasons
 from stack_counter.errors import ConfigError, ScanError
@@ -60,7 +61,7 @@ def count_bag(path: str | Path, *, part: str = "", unit_volume: float = 0.0,
     """Counts the stack of a recorded bag.
 
     Args:
-        path: rosbag2 folder or .mcap file.
+        path: rosbag2 folder, or a file of a recording.
         part: name of a part of the catalogue; or else
         unit_volume: volume of one part, m3.
         config: settings; None: those of `config/stack_counter.yaml`.
@@ -84,17 +85,18 @@ def count_bag(path: str | Path, *, part: str = "", unit_volume: float = 0.0,
 
 
 def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
-                  on_view: Callable[[], None] = lambda: None, begin: float | None = None
-                  ) -> list[Replayed]:
+                  on_view: Callable[[], None] = lambda: None, begin: float | None = None,
+                  time_range: TimeRange = WHOLE_BAG) -> list[Replayed]:
     """Feeds a bag to `RegionCounters` as fast as it can, or in real time times `rate`.
 
     Args:
-        path: rosbag2 folder or .mcap file.
+        path: rosbag2 folder, or a file of a recording.
         config: settings; topics are fitted to the bag.
         part: what is in the bin.
         rate: 0, or the speed of the recording's clock.
         on_view: called after each view used, for progress.
         begin: when the command began (`time.perf_counter`): imports count as loading. None: now.
+        time_range: the part of the bag whose images are used.
 
     Returns:
         One result for each named region, at least one of them with a count; one without names.
@@ -111,7 +113,7 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
     settings = _CountSettings(part, make_estimator(config.counter), config.counter.confidence)
     counters = RegionCounters(config.reconstructor, part.unit_volume)
     loaded = time.perf_counter()
-    bag = BagViews(path, config.collector)
+    bag = BagViews(path, config.collector, time_range)
     # Count, and add where the time went.
     results = _replay_cycles(bag, counters, settings, on_view) \
         if config.collector.mode == "cycle" \
@@ -174,14 +176,16 @@ def _with_bag(count: StackCount, bag: BagViews, tally: ViewTally | None = None) 
 
 
 def measure_bag(path: Path, config: Config, unit_volume: float = 0.0,
-                on_view: Callable[[], None] = lambda: None) -> StackVolume:
+                on_view: Callable[[], None] = lambda: None, time_range: TimeRange = WHOLE_BAG
+                ) -> StackVolume:
     """Measures V from all the views of a recorded scan.
 
     Args:
-        path: rosbag2 folder or .mcap file.
+        path: rosbag2 folder, or a file of a recording.
         config: settings; topics are fitted to the bag.
         unit_volume: volume of one part, m3; 0 where it is not known.
         on_view: called after each view used, for progress.
+        time_range: the part of the bag whose images are used.
 
     Raises:
         FileNotFoundError: there is no such path.
@@ -190,7 +194,7 @@ def measure_bag(path: Path, config: Config, unit_volume: float = 0.0,
         ConfigError, WeightsError: the settings, or files that they name, cannot be used.
     """
     stack = StackCounter(config.reconstructor, unit_volume)
-    bag = BagViews(path, config.collector)
+    bag = BagViews(path, config.collector, time_range)
     if config.collector.mode == "cycle":
         volumes = []
         for cycle in feed_cycles(stack, bag, unit_volume, on_view):
@@ -206,8 +210,8 @@ def measure_bag(path: Path, config: Config, unit_volume: float = 0.0,
     return volume
 
 
-def read_scan(path: Path, config: Config) -> list[View]:
-    """All posed views of a recorded scan.
+def read_scan(path: Path, config: Config, time_range: TimeRange = WHOLE_BAG) -> list[View]:
+    """All posed views of a recorded scan, or of a part of it.
 
     Raises:
         FileNotFoundError: there is no such path.
@@ -215,7 +219,7 @@ def read_scan(path: Path, config: Config) -> list[View]:
         ConfigError: the rig file cannot be used.
         ScanError: there is no view.
     """
-    bag = BagViews(path, config.collector)
+    bag = BagViews(path, config.collector, time_range)
     views = [view for _, view in bag]
     if not views:
         raise ScanError(no_count_line("0 views; expected some", bag.assembler.tally,
@@ -223,8 +227,13 @@ def read_scan(path: Path, config: Config) -> list[View]:
     return views
 
 
-def check_prompts(path: Path, config: Config) -> None:
+def check_prompts(path: Path, config: Config, time_range: TimeRange = WHOLE_BAG) -> None:
     """Refuses prompts that do not fit the first view of a bag, before any node is started.
+
+    Args:
+        path: rosbag2 folder, or a file of a recording.
+        config: settings; topics are fitted to the bag.
+        time_range: the part of the bag whose images are used.
 
     Raises:
         BagError: the bag cannot be read.
@@ -233,7 +242,7 @@ def check_prompts(path: Path, config: Config) -> None:
         PromptError: the prompts do not fit.
     """
     ScanLabels(config.reconstructor)  # raises what keeps the segmenter from working
-    for _, first in BagViews(path, config.collector):
+    for _, first in BagViews(path, config.collector, time_range):
         read_prompts(config.reconstructor.prompts).check(first.intrinsics.width,
                                                          first.intrinsics.height)
         return

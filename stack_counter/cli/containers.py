@@ -6,7 +6,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from stack_counter.cli.common import add_config_argument, require_bag
+from stack_counter.bag.time_range import TimeRange
+from stack_counter.cli.common import (
+    add_config_argument,
+    add_time_arguments,
+    chosen_time_range,
+    require_bag,
+)
 from stack_counter.config import Config, load_config
 from stack_counter.container.catalogue import (
     TaughtContainer,
@@ -40,6 +46,7 @@ def add_container(commands: argparse._SubParsersAction) -> None:
                        help="of the mesh, along which it is open: z (default), y or x; -z, -y or "
                             "-x as --up=-z")
     add_config_argument(teach)
+    add_time_arguments(teach)
     teach.add_argument("--out", type=Path, metavar="FILE",
                        help="catalogue; default: the configured one, config/containers.yaml")
     teach.set_defaults(run=_teach)
@@ -60,19 +67,19 @@ def _teach(options: argparse.Namespace) -> int:
     path = options.out or catalogue_path(config.reconstructor)
     if path.exists():
         load_containers(path)  # raises what is wrong with it, before the work
-    taught = _teach_by_scan(options.bag, config) if options.mesh is None \
-        else _teach_by_mesh(options.mesh, options.unit, options.up)
+    taught = _teach_by_mesh(options.mesh, options.unit, options.up) if options.mesh is not None \
+        else _teach_by_scan(options.bag, config, chosen_time_range(options))
     save_container(options.name, taught, path)
     print(f"{describe_container(options.name, taught)}\nstored in {path}")
     return 0
 
 
-def _teach_by_scan(path: Path | None, config: Config) -> TaughtContainer:
+def _teach_by_scan(path: Path | None, config: Config, time_range: TimeRange) -> TaughtContainer:
     bag = require_bag(path)
     from stack_counter.teaching.teach_container import teach_container  # takes a second to load
 
     with progress_bar("teach", "views") as on_view:
-        return teach_container(bag, config, on_view)
+        return teach_container(bag, config, on_view, time_range)
 
 
 def _teach_by_mesh(path: Path, unit: str, up: str) -> TaughtContainer:

@@ -19,6 +19,7 @@ from importlib import import_module
 from pathlib import Path
 
 from stack_counter import __version__
+from stack_counter.cli.common import add_time_arguments, chosen_time_range
 from stack_counter.cli.containers import add_container
 from stack_counter.cli.parts import add_part
 from stack_counter.cli.play import add_play
@@ -128,6 +129,7 @@ def _add_import(commands: argparse._SubParsersAction) -> None:
 def _add_info(commands: argparse._SubParsersAction) -> None:
     info = commands.add_parser("info", help="topics, frames, views and problems of a bag")
     info.add_argument("bag", type=Path)
+    add_time_arguments(info)
     info.set_defaults(run=_info)
 
 
@@ -141,7 +143,8 @@ def _import(options: argparse.Namespace) -> int:
 def _info(options: argparse.Namespace) -> int:
     from stack_counter.bag.info import describe_bag
 
-    print(describe_bag(options.bag, load_config(config_path("stack_counter.yaml")).collector))
+    print(describe_bag(options.bag, load_config(config_path("stack_counter.yaml")).collector,
+                       chosen_time_range(options)))
     return 0
 
 

@@ -15,6 +15,8 @@ import numpy as np
 
 from stack_counter.cli.common import (
     add_config_argument,
+    add_time_arguments,
+    chosen_time_range,
     positive_number,
     require_bag,
 )
@@ -92,6 +94,7 @@ def _add_template(more: argparse._SubParsersAction) -> None:
                           help="recording of the pieces, apart from each other, nothing else "
                                "beside them; best in different rest poses")
     template.add_argument("--pieces", type=int, required=True, metavar="K", help="how many")
+    add_time_arguments(template)
     template.add_argument("--force", action="store_true", help="as for add")
     template.set_defaults(run=_template)
 
@@ -100,6 +103,7 @@ def _add_calibrate(more: argparse._SubParsersAction) -> None:
     calibrate = _command(more, "calibrate", "correct a part's gamma on this rig by a counted bin")
     calibrate.add_argument("name", metavar="NAME")
     calibrate.add_argument("bag", type=Path, nargs="?", metavar="BAG", help="recording of the bin")
+    add_time_arguments(calibrate)
     known = calibrate.add_mutually_exclusive_group(required=True)
     known.add_argument("--count", type=int, metavar="N", help="parts in it")
     known.add_argument("--weight", type=positive_number, metavar="KG", help="of the parts in it")
@@ -188,7 +192,8 @@ def _template(options: argparse.Namespace) -> int:
     from stack_counter.parts.template_model import shipped_template_model
 
     # Measure v, then store it with what was known of the part.
-    template = scan_template(read_scan(bag, config), options.pieces, config.reconstructor)
+    template = scan_template(read_scan(bag, config, chosen_time_range(options)),
+                             options.pieces, config.reconstructor)
     v, std = shipped_template_model().unit_volume(template)
     save_part(Part(v, options.name, std, density=old.density if old else 0.0,
                    counted=history_at_volume(old, v, options.force),
@@ -216,7 +221,8 @@ def _calibrate(options: argparse.Namespace) -> int:
         else count_from_weight(part, options.weight, options.piece_weight)
     estimator = make_estimator(config.counter)
     with progress_bar("scan", "views") as on_view:
-        volume = measure_bag(bag, config, part.unit_volume, on_view)
+        volume = measure_bag(bag, config, part.unit_volume, on_view,
+                             chosen_time_range(options))
     calibration = calibrate(part, volume, count, estimator, bag.resolve().name,
                             config.counter.confidence, options.force)
     save_part(replace(part, counted=(*part.counted, calibration.scan)), path)

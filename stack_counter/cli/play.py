@@ -17,7 +17,7 @@ def add_play(commands: argparse._SubParsersAction) -> None:
         "play", help="play a recorded bag into the nodes that run",
         description="Publishes the topics of a bag, with their stamps as recorded, on the ROS "
                     "domain of this shell (ROS_DOMAIN_ID). Ctrl-C ends it.")
-    play.add_argument("bag", type=Path, help="rosbag2 folder or .mcap file")
+    play.add_argument("bag", type=Path, help="rosbag2 folder, or a file: .mcap, .db3 or .bag")
     play.add_argument("--rate", type=positive_number, default=1.0, metavar="X",
                       help="speed of the recording's clock (default: 1)")
     play.add_argument("--loop", action="store_true",

@@ -12,7 +12,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stack_counter.cli.common import add_config_argument, require_bag
+from stack_counter.cli.common import (
+    add_config_argument,
+    add_time_arguments,
+    chosen_time_range,
+    require_bag,
+)
 from stack_counter.config import Config, CounterConfig, build_section, load_config, setting_choices
 from stack_counter.container.catalogue import configured_container
 from stack_counter.counting import check_unit_volume
@@ -29,7 +34,8 @@ if TYPE_CHECKING:
 def add_replay(commands: argparse._SubParsersAction) -> None:
     """Adds `replay` to the commands of the command line."""
     replay = commands.add_parser("replay", help="count the stack of a recorded bag")
-    replay.add_argument("bag", type=Path, help="rosbag2 folder or .mcap file")
+    replay.add_argument("bag", type=Path, help="rosbag2 folder, or a file: .mcap, .db3 or, "
+                                               "of ROS 1, .bag; each also as .zstd")
     part = replay.add_mutually_exclusive_group()
     part.add_argument("--part", default="", metavar="NAME", help="part of the catalogue")
     part.add_argument("--unit-volume-cm3", type=float, metavar="X", help="volume of one part")
@@ -48,6 +54,7 @@ def add_replay(commands: argparse._SubParsersAction) -> None:
     replay.add_argument("--live", action="store_true", help="a count after every view")
     replay.add_argument("--rate", type=float, default=0.0, metavar="X",
                         help="speed of the recording's clock; default: as fast as possible")
+    add_time_arguments(replay)
     replay.add_argument("--confidence", type=float, metavar="P", help="of the interval, e.g. 0.9")
     estimators = setting_choices(CounterConfig, "estimator")
     replay.add_argument("--estimator", metavar="NAME",
@@ -74,6 +81,7 @@ def _replay(options: argparse.Namespace) -> int:
     # Refuse at once what cannot be counted.
     config = _settings(options)
     part = _part(options, config)
+    chosen_time_range(options)  # raises what is wrong with it
     require_bag(options.bag)
     if options.nodes:
         make_estimator(config.counter)  # raises what the counter could not load
@@ -81,7 +89,7 @@ def _replay(options: argparse.Namespace) -> int:
     if config.reconstructor.prompts:
         from stack_counter.bag.replay import check_prompts
 
-        check_prompts(options.bag, config)
+        check_prompts(options.bag, config, chosen_time_range(options))
     # Count, then print and write.
     results = _count(options, config, part, begin)
     _print_lines(config, results)
@@ -131,6 +139,7 @@ def _part(options: argparse.Namespace, config: Config) -> Part:
 def _count(options: argparse.Namespace, config: Config, part: Part, begin: float
            ) -> list[Replayed]:
     """Replays the bag through the nodes, or in this process."""
+    time_range = chosen_time_range(options)
     # Without a terminal stderr is for programs, which read there why there is no count.
     with progress_bar("replay", "views") if sys.stderr.isatty() \
             else nullcontext(lambda: None) as on_view:
@@ -138,10 +147,10 @@ def _count(options: argparse.Namespace, config: Config, part: Part, begin: float
             from stack_counter.ros.node_replay import replay_nodes
 
             return replay_nodes(options.bag, config, part.name, part.unit_volume, options.rate,
-                                on_view, begin)
+                                on_view, begin, time_range)
         from stack_counter.bag.replay import replay_direct
 
-        return replay_direct(options.bag, config, part, options.rate, on_view, begin)
+        return replay_direct(options.bag, config, part, options.rate, on_view, begin, time_range)
 
 
 def _print_lines(config: Config, results: list[Replayed]) -> None:

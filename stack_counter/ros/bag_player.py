@@ -23,7 +23,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
-from stack_counter.bag.reader import BagReader, Record
+from stack_counter.bag.formats.recording_file import Record
+from stack_counter.bag.reader import BagReader
 from stack_counter.config import NAMESPACE
 from stack_counter.errors import BagError
 from stack_counter.ros.player import message_type, record_qos
@@ -91,7 +92,7 @@ def play_bag(path: Path, rate: float, loop: bool, say: Callable[[str], object],
     """Publishes a bag's messages on the ROS domain of the environment.
 
     Args:
-        path: rosbag2 folder or .mcap file.
+        path: rosbag2 folder, or a file of a recording.
         rate: speed of the recording's clock, above 0.
         loop: begin again at its end, until a signal comes.
         say: takes lines for people.

@@ -27,6 +27,7 @@ from stack_counter.bag.replayed import (
     replayed_cycles,
     require_count,
 )
+from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
 from stack_counter.config import CollectorConfig, Config
 from stack_counter.counting import with_reasons
 from stack_counter.ros.conversions import from_stack_count, from_stack_volume, from_tally
@@ -57,11 +58,12 @@ SETTINGS = NodeReplaySettings()
 
 
 def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate: float,
-                 on_view: Callable[[], None], begin: float) -> list[Replayed]:
+                 on_view: Callable[[], None], begin: float, time_range: TimeRange = WHOLE_BAG
+                 ) -> list[Replayed]:
     """Plays a bag through collector, reconstructor and counter over DDS.
 
     Args:
-        path: rosbag2 folder or .mcap file.
+        path: rosbag2 folder, or a file of a recording.
         config: settings; topics are fitted to the bag.
         part: name in the catalogue, or "".
         unit_volume: volume of one part, m3, or 0 for the part's own.
@@ -69,12 +71,13 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
             clock.
         on_view: called for each image played.
         begin: when the command began, seconds of `time.perf_counter`: imports count as loading.
+        time_range: the part of the bag whose images are used.
 
     Returns:
         One result for each named region, at least one of them with a count; one without names.
 
     Raises:
-        BagError: the bag has no usable topics.
+        BagError: the bag cannot be read, or has no usable topics.
         NodeError: a node died or hangs.
         ScanError: the nodes give no count; the message has their reason.
         ConfigError: security is asked for and cannot be had.
@@ -82,7 +85,7 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     check_security()
     domain = PrivateDomain()
     os.environ.update(domain.environment)  # read by the DDS library when the context starts
-    reader = BagReader(path)
+    reader = BagReader(path, time_range)
     rig = fit_rig_to_bag(load_rig(config.collector), reader.topics)
     nodes = NodeProcesses(
         replace(config, collector=_fit_collector(config.collector, rig, reader)),

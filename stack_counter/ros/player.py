@@ -205,7 +205,7 @@ class Player(Node):
             NodeError: a node has ended or hangs.
         """
         first_ns, begin = None, time.monotonic()
-        for record in reader.records(set(self._record_publishers)):
+        for record in reader.records(set(self._record_publishers), self._color_topics):
             # Wait for the record's time.
             first_ns = record.log_time_ns if first_ns is None else first_ns
             if rate:

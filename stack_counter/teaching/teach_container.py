@@ -12,6 +12,7 @@ import numpy as np
 
 from stack_counter.bag.bag_views import BagViews
 from stack_counter.bag.replay import measure_scan
+from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
 from stack_counter.config import Config
 from stack_counter.container.catalogue import TaughtContainer
 from stack_counter.container.wall_shapes import BoxWall
@@ -35,14 +36,15 @@ class TeachingSettings:
 SETTINGS = TeachingSettings()
 
 
-def teach_container(path: Path, config: Config, on_view: Callable[[], None] = lambda: None
-                    ) -> TaughtContainer:
+def teach_container(path: Path, config: Config, on_view: Callable[[], None] = lambda: None,
+                    time_range: TimeRange = WHOLE_BAG) -> TaughtContainer:
     """Measures walls and floor of an empty container from its recording.
 
     Args:
-        path: rosbag2 folder or .mcap file.
+        path: rosbag2 folder, or a file of a recording.
         config: settings; topics are fitted to the bag; an already taught container is not used.
         on_view: called after each view used, for progress.
+        time_range: the part of the recording whose images are used.
 
     Raises:
         BagError: the recording cannot be read, or lacks images.
@@ -50,7 +52,7 @@ def teach_container(path: Path, config: Config, on_view: Callable[[], None] = la
         ScanError: no container, one that is not empty, or too few views.
     """
     stack = StackCounter(replace(config.reconstructor, container="", live=False))
-    volume = measure_scan(stack, BagViews(path, config.collector), on_view)
+    volume = measure_scan(stack, BagViews(path, config.collector, time_range), on_view)
     return taught_from(volume, f"{date.today()} from {path.resolve().name}")
 
 

@@ -159,7 +159,7 @@ def broken(path, text):
 
 
 def test_folders_that_are_no_whole_bag(tmp_path):
-    with pytest.raises(FileNotFoundError, match="expected a rosbag2 folder or .mcap file"):
+    with pytest.raises(FileNotFoundError, match="expected a rosbag2 folder or an .mcap"):
         BagReader(tmp_path / "nothing")
     with pytest.raises(BagError, match="no .mcap file .* it holds"):
         BagReader(tmp_path)
@@ -169,7 +169,7 @@ def test_folders_that_are_no_whole_bag(tmp_path):
     for key, value, message in (
             ("relative_file_paths", ["bag.mcap", "bag_1.mcap"],
              "lacks bag_1.mcap, named in its metadata.yaml"),
-            ("compression_mode", "MESSAGE", "compressed by 'MESSAGE'")):
+            ("compression_format", "lz4", "compressed by 'lz4'; expected none or zstd")):
         with pytest.raises(BagError, match=message):
             BagReader(broken(path, yaml.safe_dump(
                 {"rosbag2_bagfile_information": {**told, key: value}})))

@@ -102,7 +102,7 @@ def test_paths_that_are_not_there_or_no_bags(tmp_path, capsys):
     junk = tmp_path / "junk.mcap"
     junk.write_bytes(b"not a bag at all")
     code, _, err = run(capsys, "replay", junk, *UNIT, "--direct")
-    assert code == 3 and "is not an mcap file" in err
+    assert code == 3 and "is no recording: it begins with" in err
     (tmp_path / "folder").mkdir()
     code, _, err = run(capsys, "replay", tmp_path / "folder", *UNIT, "--direct")
     assert code == 3 and "no .mcap file" in err

@@ -12,12 +12,11 @@ from geometry_msgs.msg import TransformStamped
 from kits.bags import bag
 from kits.command import run
 from kits.harness import PATIENCE_S, StandInReconstructor
-from kits.recording_kit import COLOR, IMAGE, image, write
+from kits.recording_kit import IMAGE, image, write
 from sensor_msgs.msg import CameraInfo
 from stack_counter_msgs.srv import StartScan
 from tf2_msgs.msg import TFMessage
 
-from stack_counter.bag.reader import BagReader
 from stack_counter.cli import main
 from stack_counter.ros import bag_player
 from stack_counter.ros.bag_player import SETTINGS, StampShift, playable_topics
@@ -102,15 +101,3 @@ def test_what_is_not_played_is_named(tmp_path, capsys):
     assert run(capsys, "play", tmp_path / "none")[0] == 2
     with pytest.raises(SystemExit):
         main(["play", str(own), "--rate", "0"])
-
-
-@pytest.mark.parametrize("profiles, latched", [
-    ("- durability: transient_local\n", True), ("- durability: 1\n", True),
-    ("- durability: volatile\n- durability: 2\n", False), ("", False), ("[", False),
-    ("[1, 2]", False)])
-def test_latched_topics_are_those_that_were(tmp_path, profiles, latched):
-    path = write(tmp_path / "bag", [(1, COLOR, IMAGE, image([[1]], "mono8"))])
-    reader = BagReader(path)
-    for channel in reader._files[0].channels.values():
-        channel.metadata["offered_qos_profiles"] = profiles
-    assert reader.latched == ({COLOR} if latched else set())

@@ -10,7 +10,7 @@ from kits.recording_kit import FRAME, TF, records, scan, tf_record, write
 from mcap.writer import CompressionType, Writer
 
 from stack_counter.bag.bag_views import fit_camera_to_bag
-from stack_counter.bag.mcap_file import McapFile
+from stack_counter.bag.formats.mcap_file import McapFile
 from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
@@ -117,8 +117,8 @@ def test_numbers_of_types_hold_within_a_file_only(tmp_path):
     write(tmp_path / "b", [r for r in records(scan(count=1), poses=False)]
           + [tf_record(2, np.eye(4))])
     (tmp_path / "both").mkdir()
-    for name in "ab":
-        (tmp_path / name / f"{name}.mcap").rename(tmp_path / "both" / f"{name}.mcap")
+    for number, name in enumerate("ab"):
+        (tmp_path / name / f"{name}.mcap").rename(tmp_path / "both" / f"both_{number}.mcap")
     reader = BagReader(tmp_path / "both")
     decoded = [r.decode() for r in reader.records(set(reader.topics))]
     assert sum(hasattr(m, "transforms") and m.transforms[0].child_frame_id == FRAME
