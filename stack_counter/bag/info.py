@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from stack_counter.bag.bag_views import fit_rig_to_bag, read_views
+from stack_counter.bag.bag_views import read_views
+from stack_counter.bag.camera_topics import fit_rig_to_bag, missing_depth_line, topic_notes
 from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
@@ -34,10 +35,13 @@ def describe_bag(path: Path, config: CollectorConfig) -> str:
     views = [view for _, view in read_views(reader, assembler)]
     # Describe them, and name what is wrong.
     fitted = rig.cameras[0].config
+    lines += [f"note     {note}" for note in (*topic_notes(config, rig, reader.topics),
+                                              *assembler.notes)]
     lines += _describe_views(views, assembler.tally, fitted, config.world_frame)
     problems = (["the bag is cut short"] if reader.truncated else []) + assembler.last_errors
     if not fitted.depth_topic and not fitted.labels_topic:
         problems.append("neither depth nor labels: nothing to carve with")
+        problems += filter(None, [missing_depth_line(config, rig, reader.topics)])
     return "\n".join(lines + (["problems"] + [f"  {p}" for p in problems] if problems else []))
 
 
