@@ -33,31 +33,39 @@ def decode_rvl(data: bytes) -> np.ndarray:
         raise ViewError("bad_image", f"RVL depth of {width}x{height} in {len(data)} bytes; "
                                      "expected sizes above 0")
     numbers = _read_numbers(words[2:])
-    first, pixel, length = _find_runs(numbers, width * height)
-    # Where each difference stands among the numbers, and in the image.
-    inside = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
-    zigzag = numbers[np.repeat(first, length) + inside]
+    starts = _find_runs(numbers, width * height)
+    # All other numbers are differences, of the valid pixels one after the other.
+    is_change = np.ones(len(numbers), bool)
+    is_change[starts] = is_change[starts + 1] = False
+    is_change[starts[-1] + 2 + numbers[starts[-1] + 1]:] = False  # fills the last word
+    counts = np.stack([numbers[starts], numbers[starts + 1]], axis=1).ravel()
+    is_valid = np.repeat(np.arange(len(counts)) % 2 == 1, counts)
+    zigzag = numbers[is_change]
     image = np.zeros(width * height, np.uint16)
-    image[np.repeat(pixel, length) + inside] = np.cumsum((zigzag >> 1) ^ -(zigzag & 1)) & 0xFFFF
+    image[is_valid] = np.cumsum((zigzag >> 1) ^ -(zigzag & 1)) & 0xFFFF
     return image.reshape(height, width)
 
 
 def _read_numbers(words: np.ndarray) -> np.ndarray:
     """(n,) int64 numbers in (m,) uint32 words."""
-    nibbles = (words[:, None] >> np.arange(28, -1, -4, dtype=np.uint32) & 15).ravel()
+    nibbles = (words[:, None] >> np.arange(28, -1, -4, dtype=np.uint32) & 15).astype(np.int8)
+    nibbles = nibbles.ravel()
     ends = np.flatnonzero(nibbles < 8)
     starts = np.concatenate([[0], ends[:-1] + 1])
-    lengths = ends - starts + 1
-    if not len(ends) or lengths.max() > _MAX_NIBBLES:
+    if not len(ends) or (ends - starts).max() >= _MAX_NIBBLES:
         raise ViewError("bad_image", "RVL depth with a number that does not end; expected at most "
                                      "32 bits")
-    nibbles = nibbles[:ends[-1] + 1].astype(np.int64)
-    place = np.arange(len(nibbles)) - np.repeat(starts, lengths)
-    return np.add.reduceat((nibbles & 7) << 3 * place, starts)
+    numbers = (nibbles[starts] & 7).astype(np.int64)
+    longer, place = np.flatnonzero(nibbles[starts] >= 8), 1
+    while len(longer):
+        digits = nibbles[starts[longer] + place]
+        numbers[longer] |= (digits & 7).astype(np.int64) << 3 * place
+        longer, place = longer[digits >= 8], place + 1
+    return numbers
 
 
-def _find_runs(numbers: np.ndarray, pixels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Finds the runs of valid pixels.
+def _find_runs(numbers: np.ndarray, pixels: int) -> np.ndarray:
+    """Finds where runs of pixels begin.
 
     Args:
         numbers: (n,) a count of invalid pixels, a count of valid ones and their differences,
@@ -65,15 +73,14 @@ def _find_runs(numbers: np.ndarray, pixels: int) -> tuple[np.ndarray, np.ndarray
         pixels: of the image.
 
     Returns:
-        (r,) index of each run's first difference, its first pixel, and its length.
+        (r,) index of each run's first count.
     """
     counts = numbers.tolist()
-    runs, at, done = [], 0, 0
+    starts, at, done = [], 0, 0
     while done < pixels and at + 1 < len(counts):
-        invalid, valid = counts[at], counts[at + 1]
-        runs.append((at + 2, done + invalid, valid))
-        at, done = at + 2 + valid, done + invalid + valid
+        starts.append(at)
+        done += counts[at] + counts[at + 1]
+        at += 2 + counts[at + 1]
     if done != pixels or at > len(counts):
         raise ViewError("bad_image", f"RVL depth of {min(done, pixels)} pixels; expected {pixels}")
-    first, pixel, length = np.array(runs, np.int64).T
-    return first, pixel, length
+    return np.array(starts)
