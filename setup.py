@@ -112,6 +112,7 @@ if __name__ == "__main__":  # scripts/setup.sh imports the lists above
             ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
             (f"share/{NAME}", ["package.xml"]),
             share("config", "*.yaml", "*.xml", "*.rviz", "*.json"),
+            share("config/cameras", "*.yaml"),
             share("config/parts", "*"),
             share("launch", "*.py"),
         ],

@@ -55,6 +55,8 @@ class CollectorConfig:
     depth_camera_info_topic: str = _setting(
         "", "calibration of depth of another camera than colour's, which is registered by it and "
             "TF; empty: camera_info beside depth_topic")
+    depth_scale: float = _setting(0.0, "metres that a unit of depth is, e.g. 0.0001; 0: as the "
+                                       "encoding means, 16UC1 0.001, 32FC1 1", 0.0, 1.0)
     labels_topic: str = _setting("", "mono8 label images aligned to colour; empty: none")
     pose_source: str = _setting("tf", "where poses come from", choices=("tf", "topic"))
     pose_topic: str = _setting("/camera/pose",

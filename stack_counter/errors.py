@@ -4,6 +4,8 @@
 Every message holds the value seen and the value expected, on one line.
 """
 
+from __future__ import annotations
+
 
 class StackCounterError(Exception):
     """Base of all errors raised on purpose by this package."""
@@ -43,4 +45,8 @@ class ViewError(StackCounterError):
     def __init__(self, reason: str, message: str):
         """Makes the error; its text is `reason: message`."""
         super().__init__(f"{reason}: {message}")
-        self.reason = reason
+        self.reason, self._message = reason, message
+
+    def on(self, topic: str) -> ViewError:
+        """Returns the error with the name of the topic that has given rise to it."""
+        return ViewError(self.reason, f"{topic}: {self._message}")

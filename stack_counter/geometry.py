@@ -12,8 +12,10 @@ from scipy.spatial.transform import Rotation, Slerp
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.types import UNSEEN, Intrinsics, View
 
-# Distortion models of `sensor_msgs/CameraInfo` and how many coefficients each has.
-_COEFFICIENTS = {"": 0, "none": 0, "plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+# Models of `sensor_msgs/CameraInfo`. Drivers call by any of the first names 4, 5, 8 (rational),
+# 12 (thin prism) or 14 coefficients: all that are there count, as in OpenCV.
+_POLYNOMIAL = ("", "none", "plumb_bob", "rational_polynomial", "thin_prism")
+_FISHEYE = ("equidistant", "fisheye")
 
 
 @dataclass(frozen=True)
@@ -228,9 +230,13 @@ def check_intrinsics(intrinsics: Intrinsics) -> None:
                                           "expected finite numbers, focal lengths above 0")
     if k.width <= 0 or k.height <= 0:
         raise ViewError("bad_intrinsics", f"image size {k.width}x{k.height}; expected above 0")
-    if k.distortion_model not in _COEFFICIENTS:
+    if k.distortion_model not in (*_POLYNOMIAL, *_FISHEYE):
         raise ViewError("bad_intrinsics", f"distortion model '{k.distortion_model}'; expected "
-                                          f"one of {sorted(m for m in _COEFFICIENTS if m)}")
+                                          f"one of {[*_POLYNOMIAL[2:], *_FISHEYE]}")
+    most = 4 if k.distortion_model in _FISHEYE else 14
+    if np.any(k.distortion[most:]):
+        raise ViewError("bad_intrinsics", f"{len(k.distortion)} coefficients of "
+                                          f"'{k.distortion_model}'; expected {most} at most")
 
 
 def rectify(view: View) -> View:
@@ -248,13 +254,11 @@ def rectify(view: View) -> View:
     if not np.any(k.distortion):
         return replace(view, intrinsics=pinhole)
     # Where each pixel of the pinhole image lies in the distorted one.
-    coefficients = np.array(k.distortion[:_COEFFICIENTS[k.distortion_model] or None], float)
-    size = (k.width, k.height)
-    if k.distortion_model == "equidistant":
-        maps = cv2.fisheye.initUndistortRectifyMap(k.K, coefficients, np.eye(3), k.K, size,
-                                                   cv2.CV_32FC1)
-    else:
-        maps = cv2.initUndistortRectifyMap(k.K, coefficients, np.eye(3), k.K, size, cv2.CV_32FC1)
+    is_fisheye = k.distortion_model in _FISHEYE
+    undistort, count = (cv2.fisheye, 4) if is_fisheye else (cv2, 14)
+    coefficients = np.array([*k.distortion, *[0.0] * count][:count])
+    maps = undistort.initUndistortRectifyMap(k.K, coefficients, np.eye(3), k.K,
+                                             (k.width, k.height), cv2.CV_32FC1)
 
     def remap(image: np.ndarray | None, interpolation: int, outside: int = 0
               ) -> np.ndarray | None:

@@ -63,6 +63,7 @@ class StackCounter:
         self._labels.start()
         self._scan: DepthReconstruction | PictureReconstruction | None = None
         self._received, self._skipped = 0, Counter[str]()
+        self._last_errors: dict[str, str] = {}
         self._stages = StageTimer()
         self.coverage = 0.0
 
@@ -91,6 +92,7 @@ class StackCounter:
         """Counts a view that was refused."""
         self._received += 1
         self._skipped[error.reason] += 1
+        self._last_errors[error.reason] = str(error)
 
     def volume(self) -> StackVolume:
         """Measures V of what the views so far have shown.
@@ -100,8 +102,10 @@ class StackCounter:
         """
         needed = 1 if self._config.live else self._config.min_views
         if self._scan is None or len(self.views) < needed:
-            raise ScanError(f"{len(self.views)} views used of {self._received} (skipped: "
-                            f"{dict(self._skipped)}); expected at least {needed}")
+            why = [self._last_errors[reason] for reason, _ in self._skipped.most_common(1)]
+            raise ScanError("; ".join([f"{len(self.views)} views used of {self._received} (skipped"
+                                       f": {dict(self._skipped)}); expected at least {needed}",
+                                       *why]))
         with self._stages("finish"):
             with self._stages("segment"):
                 self._scan.label_views(self._labels)  # 4. Label images from prompts, if any.

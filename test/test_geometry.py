@@ -103,14 +103,25 @@ def test_look_at_puts_the_target_on_the_axis_and_up_upwards():
     assert np.linalg.det(T[:3, :3]) == pytest.approx(1)
 
 
+RADIAL = (0.1, -0.05, 0.002, -0.001, 0.01)
+RATIONAL = (0.3, 0.1, 0.002, -0.001, 0.02, 0.25, 0.12, 0.01)
+PRISM = (*RATIONAL, 0.02, -0.01, -0.03, 0.01)
+
+
 @pytest.mark.parametrize("model, coefficients", [
-    ("plumb_bob", (0.1, -0.05, 0.002, -0.001, 0.01)), ("equidistant", (0.05, -0.01, 0.002, 0.0))])
+    ("plumb_bob", RADIAL), ("plumb_bob", RADIAL[:4]), ("rational_polynomial", RATIONAL),
+    ("plumb_bob", RATIONAL),  # as some drivers call it
+    ("rational_polynomial", PRISM), ("thin_prism", PRISM),
+    ("rational_polynomial", (*PRISM, 0.02, -0.03)),
+    ("equidistant", (0.05, -0.01, 0.002, 0.0)), ("fisheye", (0.05, -0.01, 0.002, 0.01)),
+    ("equidistant", (0.05, -0.01, 0.002, 0.01, 0.0, 0.0, 0.0, 0.0))])
 def test_rectified_pixels_are_where_a_pinhole_sees_them(model, coefficients):
     lens = Intrinsics(640, 480, 500.0, 505.0, 320.0, 240.0, model, coefficients)
     points = np.array([[0.1, 0.05, 1.0], [-0.2, 0.1, 1.2], [0.0, -0.15, 0.9]])
-    project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
+    is_fisheye = model in ("equidistant", "fisheye")
+    project = cv2.fisheye.projectPoints if is_fisheye else cv2.projectPoints
     seen, _ = project(points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), lens.K,
-                      np.array(coefficients))
+                      np.array(coefficients[:4 if is_fisheye else 14]))
     color = np.zeros((480, 640, 3), np.uint8)
     for (x, y), value in zip(seen.reshape(-1, 2), (90, 160, 250)):
         cv2.circle(color, (round(x), round(y)), 4, (value,) * 3, -1)
@@ -137,7 +148,11 @@ def test_crop_keeps_rays():
 
 
 @pytest.mark.parametrize("changes", [{"fx": 0.0}, {"fy": -1.0}, {"cx": float("nan")},
-                                     {"width": 0}, {"distortion_model": "swirl"}])
+                                     {"width": 0}, {"distortion_model": "swirl"},
+                                     {"distortion_model": "equidistant",
+                                      "distortion": (0.1, 0.0, 0.0, 0.0, 0.1)},
+                                     {"distortion_model": "thin_prism",
+                                      "distortion": (0.1,) * 15}])
 def test_bad_calibrations_are_refused(changes):
     with pytest.raises(ViewError, match="expected") as caught:
         geometry.check_intrinsics(Intrinsics(**{**K.__dict__, **changes}))

@@ -51,6 +51,21 @@ def test_bad_views_are_counted_and_the_scan_goes_on():
     assert fresh.volume().stack_volume == stack.volume().stack_volume
 
 
+def test_too_few_views_say_why_the_others_were_refused():
+    """Depth ten times too large, as where a unit is a tenth of what it is taken for."""
+    stack = StackCounter(ReconstructorConfig())
+    for view in bin_scene().views(2):
+        with pytest.raises(ViewError):
+            stack.add_view(replace(view, depth=view.depth * 10))
+    with pytest.raises(ScanError, match="'empty_depth': 2.*half of it is beyond [5-9].*depth_scale"
+                       ) as caught:
+        stack.volume()
+    assert "\n" not in str(caught.value)
+    stack.start()
+    with pytest.raises(ScanError, match="expected at least 3$"):
+        stack.volume()
+
+
 def test_depth_and_label_views_are_not_mixed():
     stack, views = StackCounter(ReconstructorConfig()), bin_scene().views(3)
     stack.add_view(views[0])

@@ -5,26 +5,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
+from stack_counter.bag.camera_topics import fit_rig_to_bag, missing_depth_line, topic_notes
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError
 from stack_counter.types import View
-from stack_counter.views.color_transport import (
-    AUTO,
-    COMPRESSED,
-    RAW,
-    published_transports,
-    transport_topic,
-)
-from stack_counter.views.depth_stream import depth_camera_info_topic
-from stack_counter.views.rig import Rig, load_rig
+from stack_counter.views.rig import load_rig
 from stack_counter.views.rig_assembler import RigAssembler
 
-LABELS_TOPIC = "/camera/labels"
 _TF_TOPICS = ("/tf", "/tf_static")
 
 
@@ -51,9 +42,21 @@ class BagViews:
             ConfigError: the rig file cannot be used.
         """
         self.reader = BagReader(path, time_range)
-        self.assembler = RigAssembler(fit_rig_to_bag(load_rig(collector), self.reader.topics),
-                                      live=False)
+        rig = fit_rig_to_bag(load_rig(collector), self.reader.topics)
+        self._topic_notes = topic_notes(collector, rig, self.reader.topics)
+        self._missing_depth = missing_depth_line(collector, rig, self.reader.topics)
+        self.assembler = RigAssembler(rig, live=False)
         self.reading_s = 0.0
+
+    @property
+    def notes(self) -> list[str]:
+        """What was found or assumed, a line each, for the person who reads the result."""
+        return [*self._topic_notes, *self.assembler.notes]
+
+    @property
+    def hints(self) -> list[str]:
+        """What may keep the bag from being counted: the notes, and the errors of its images."""
+        return [*self.notes, *filter(None, [self._missing_depth]), *self.assembler.last_errors]
 
     def __iter__(self) -> Iterator[tuple[str, View]]:
         """Yields the views with their cameras' names, and adds up the time it takes."""
@@ -65,61 +68,6 @@ class BagViews:
             if view is None:
                 return
             yield view
-
-
-def fit_camera_to_bag(config: CollectorConfig, topics: dict[str, tuple[str, int]]
-                      ) -> CollectorConfig:
-    """Settings of one camera with the topics and transports that a bag has, and no recording.
-
-    Args:
-        config: settings of the camera.
-        topics: type name and number of messages by topic.
-
-    Raises:
-        BagError: the bag has no colour images of the camera.
-    """
-    compressed = transport_topic(config.color_topic, COMPRESSED)
-    if compressed not in topics and config.color_topic not in topics:
-        raise BagError(f"no images on {config.color_topic} or {compressed}; the bag has "
-                       f"{', '.join(topics) or 'no topics'}")
-    labels = config.labels_topic or LABELS_TOPIC
-    info = depth_camera_info_topic(config)
-    return replace(
-        config, color_transport=_recorded_transport(config, topics),
-        depth_topic=config.depth_topic if config.depth_topic in topics else "",
-        depth_camera_info_topic=info if info in topics else config.depth_camera_info_topic,
-        labels_topic=labels if labels in topics else "", record_folder="")
-
-
-def _recorded_transport(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> str:
-    """How a bag's colour images of a camera come: as is set, if they do, or else as they do."""
-    recorded = published_transports(config.color_topic, lambda topic: topic in topics)
-    return config.color_transport if config.color_transport in recorded else (recorded or [RAW])[0]
-
-
-def fit_rig_to_bag(rig: Rig, topics: dict[str, tuple[str, int]]) -> Rig:
-    """One camera with the topics and transports that a bag has; a rig file's as it names them.
-
-    Args:
-        rig: the cameras.
-        topics: type name and number of messages by topic.
-
-    Raises:
-        BagError: the bag has no colour images of any camera.
-    """
-    if len(rig.cameras) == 1:
-        camera = rig.cameras[0]
-        fitted = fit_camera_to_bag(camera.config, topics)
-        return replace(rig, cameras=(replace(camera, config=fitted),))
-    rig = replace(rig, cameras=tuple(
-        replace(camera, config=replace(camera.config, color_transport=_recorded_transport(
-            camera.config, topics))) if camera.config.color_transport == AUTO else camera
-        for camera in rig.cameras))
-    expected = RigAssembler(rig).color_topics()
-    if not set(expected) & set(topics):
-        raise BagError(f"no images on {', '.join(expected)}; the bag has "
-                       f"{', '.join(topics) or 'no topics'}")
-    return rig
 
 
 def subscribed_topics(assembler: RigAssembler) -> list[str]:

@@ -6,7 +6,8 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from stack_counter.bag.bag_views import fit_rig_to_bag, read_views
+from stack_counter.bag.bag_views import read_views
+from stack_counter.bag.camera_topics import fit_rig_to_bag, missing_depth_line, topic_notes
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.sampling import sampled_parts
 from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
@@ -48,11 +49,14 @@ def describe_bag(path: Path, config: CollectorConfig, time_range: TimeRange = WH
             first, last = first or view, view
     # Describe them, and name what is wrong.
     fitted = rig.cameras[0].config
+    lines += [f"note     {note}" for note in (*topic_notes(config, rig, reader.topics),
+                                              *assembler.notes)]
     lines += [_describe_tally(assembler.tally, parts)]
     lines += _describe_views(first, last, fitted, config.world_frame)
     problems = (["the bag is cut short"] if reader.truncated else []) + assembler.last_errors
     if not fitted.depth_topic and not fitted.labels_topic:
         problems.append("neither depth nor labels: nothing to carve with")
+        problems += filter(None, [missing_depth_line(config, rig, reader.topics)])
     return "\n".join(lines + (["problems"] + [f"  {p}" for p in problems] if problems else []))
 
 

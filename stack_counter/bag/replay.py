@@ -119,7 +119,7 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
         if config.collector.mode == "cycle" \
         else _replay_scan(bag, counters, settings, on_view, config.reconstructor.live, rate)
     seconds = {"load": loaded - begin, "read": bag.reading_s, "total": time.perf_counter() - begin}
-    return [result if result.count is None else replace(result, count=replace(
+    return [replace(result, notes=tuple(bag.notes), count=result.count and replace(
         result.count, seconds={**result.count.seconds, **seconds}))
         for result in require_count(results)]
 
@@ -143,7 +143,7 @@ def _replay_scan(bag: BagViews, counters: RegionCounters, settings: _CountSettin
             count = _with_bag(settings.count(measured), bag, tally)
             results.append(Replayed(count, entries[measured.region], region=measured.region))
         except ScanError as error:
-            line = no_count_line(str(error), tally, bag.assembler.last_errors)
+            line = no_count_line(str(error), tally, bag.hints)
             results.append(Replayed(None, entries[measured.region], line, measured.region))
     return results
 
@@ -165,7 +165,7 @@ def _replay_cycles(bag: BagViews, counters: RegionCounters, settings: _CountSett
             last[name] = _with_bag(count, bag)
             entries[name].append(count_entry(count))
     return [replayed_cycles(name, entries[name], last.get(name), bag.assembler.tally,
-                            bag.assembler.last_errors) for name in counters.counters]
+                            bag.hints) for name in counters.counters]
 
 
 def _with_bag(count: StackCount, bag: BagViews, tally: ViewTally | None = None) -> StackCount:
@@ -223,7 +223,7 @@ def read_scan(path: Path, config: Config, time_range: TimeRange = WHOLE_BAG) -> 
     views = [view for _, view in bag]
     if not views:
         raise ScanError(no_count_line("0 views; expected some", bag.assembler.tally,
-                                      bag.assembler.last_errors))
+                                      bag.hints))
     return views
 
 
@@ -267,4 +267,4 @@ def measure_scan(stack: StackCounter, bag: BagViews, after_view: Callable[[], No
     try:
         return replace(stack.volume(), views=tally)
     except ScanError as error:
-        raise ScanError(no_count_line(str(error), tally, bag.assembler.last_errors)) from error
+        raise ScanError(no_count_line(str(error), tally, bag.hints)) from error

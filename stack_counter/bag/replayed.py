@@ -22,12 +22,14 @@ class Replayed:
             `error` says why.
         error: why `count` is None, one line; empty where there is one.
         region: its name; empty where the settings name none.
+        notes: what was found in the bag or assumed of its messages, a line each.
     """
 
     count: StackCount | None
     counts: list[dict[str, Any]] = field(default_factory=list)
     error: str = ""
     region: str = ""
+    notes: tuple[str, ...] = ()
 
 
 def require_count(results: Iterable[Replayed]) -> list[Replayed]:

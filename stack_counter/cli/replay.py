@@ -154,7 +154,9 @@ def _count(options: argparse.Namespace, config: Config, part: Part, begin: float
 
 
 def _print_lines(config: Config, results: list[Replayed]) -> None:
-    """Prints a row for every cycle, and what gave no count to stderr too."""
+    """Prints notes and what gave no count to stderr, and a row for every cycle."""
+    for note in results[0].notes:
+        print(f"stack-counter: {note}", file=sys.stderr)
     for result in results:
         of_region = f"region {result.region}: " if result.region else ""
         if result.error:

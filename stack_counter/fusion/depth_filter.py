@@ -47,8 +47,12 @@ def clip_depth(view: View, nearest: float, farthest: float) -> View:
     depth = np.asarray(view.depth)
     valid = (depth >= nearest) & (depth <= farthest)
     if not valid.any():
-        raise ViewError("empty_depth", f"no depth between {nearest} and {farthest} m; expected "
-                                       "some")
+        seen = f"half of it is beyond {np.median(depth[depth > 0]):.3g} m" if (depth > 0).any() \
+            else "no pixel is valid"
+        raise ViewError("empty_depth", f"no depth between {nearest} and {farthest} m, {seen}; "
+                                       "expected some: set depth_scale (metres a unit of depth, "
+                                       "e.g. 0.0001) if the camera is nearer, else depth_min or "
+                                       "depth_trunc")
     return replace(view, depth=np.where(valid, depth, 0).astype(np.float32))
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
@@ -17,12 +17,12 @@ from tf2_msgs.msg import TFMessage
 from stack_counter.ros.diagnostics import WARN, Rate
 from stack_counter.ros.lifecycle import ManagedNode
 from stack_counter.ros.qos import RELIABLE
+from stack_counter.views.camera_search import find_cameras, lines_to_paste
 from stack_counter.views.color_transport import (
     AUTO,
-    COMPRESSED,
-    RAW,
-    published_transports,
-    transport_topic,
+    color_topics,
+    depth_topics,
+    is_compressed,
     wrong_transport_line,
 )
 from stack_counter.views.decoding import stamp_ns
@@ -38,21 +38,19 @@ _OPTIONAL = ("depth_info",)  # aligned depth needs none of its own
 
 
 @dataclass(eq=False)
-class _ColorInput:
-    """The colour images of one camera.
+class _ImageInput:
+    """Images that come raw or, on a topic beside it, compressed.
 
     Attributes:
-        topic: name of the raw topic.
-        setting: `color_transport`.
-        transport: the one by which they are taken now.
+        topics: on which they may come, the best first.
         handlers: take the messages, with their content.
-        subscription: None before the first one.
+        topic: on which they are taken now; empty before the first subscription.
+        subscription: to it.
     """
 
-    topic: str
-    setting: str
-    transport: str = RAW
-    handlers: list[tuple[str, Callable[[Any], None]]] = field(default_factory=list)
+    topics: list[str]
+    handlers: list[tuple[str, Callable[[Any], None]]]
+    topic: str = ""
     subscription: Subscription | None = None
 
 
@@ -81,8 +79,7 @@ class CameraTopics:
         self._rates: dict[str, Rate] = {}
         self._tf_rate = Rate()
         self._inputs: list[Subscription] = []
-        self._colors = [_ColorInput(camera.config.color_topic, camera.config.color_transport)
-                        for camera in assembler.rig.cameras]
+        self._rig, self._images = assembler.rig, list[_ImageInput]()
         self.message_since_tick = False
         self._handled = 0  # number of messages of cameras
         self._subscribe_to_cameras()
@@ -115,18 +112,29 @@ class CameraTopics:
         return [s.topic_name for s in self._inputs if not s.get_publisher_count()]
 
     def follow_publishers(self) -> None:
-        """Takes colour images, where their transport is `auto`, by the one that is published."""
-        for color in self._colors:
-            if color.setting == AUTO:
-                published = published_transports(color.topic, self._count_publishers)
-                if published and published[0] != color.transport:
-                    self._subscribe_to_color(color, published[0])
+        """Takes images whose transport is not set by the one that is published."""
+        for image in self._images:
+            published = next(filter(self._count_publishers, image.topics), image.topic)
+            if published != image.topic:
+                self._subscribe_to_images(image, published)
 
-    def wrong_transports(self) -> list[str]:
-        """Names the colour images that are published otherwise than the settings say."""
-        lines = (wrong_transport_line(color.topic, color.setting, self._count_publishers)
-                 for color in self._colors)
-        return [line for line in lines if line]
+    def problems(self) -> list[str]:
+        """Names colour images that are published otherwise, or elsewhere, than is set."""
+        lines = [wrong_transport_line(c.config.color_topic, c.config.color_transport,
+                                      self._count_publishers) for c in self._rig.cameras]
+        return [line for line in (*lines, self._other_cameras_line()) if line]
+
+    def _other_cameras_line(self) -> str:
+        """Names the cameras that are published where the one that is set is not; "" if it is."""
+        config = self._rig.cameras[0].config
+        topics = color_topics(config.color_topic, AUTO)
+        if config.rig or any(map(self._count_publishers, topics)):
+            return ""
+        published = {name: kinds[0] for name, kinds in self._node.get_topic_names_and_types()
+                     if self._count_publishers(name)}
+        cameras = find_cameras(published)
+        return f"{config.color_topic} has no publisher; set for the collector " \
+               f"{lines_to_paste(cameras)}" if cameras else ""
 
     def _count_publishers(self, topic: str) -> int:
         return self._node.count_publishers(self._node.resolve_topic_name(topic))
@@ -153,32 +161,33 @@ class CameraTopics:
         kinds = {"info": CameraInfo, "depth_info": CameraInfo, "pose": PoseStamped,
                  "joints": JointState}
         profiles = {"pose": RELIABLE, "joints": QoSProfile(depth=_TF_DEPTH)}
-        handlers_by_topic = self._assembler.topic_handlers()
-        for color in self._colors:
-            color.handlers = handlers_by_topic.pop(transport_topic(color.topic, color.setting))
-            self._subscribe_to_color(color, COMPRESSED if color.setting == COMPRESSED else RAW)
-        for topic, handlers in handlers_by_topic.items():
+        configs = [camera.config for camera in self._rig.cameras]
+        transports = {topics[0]: topics for c in configs for topics in (
+            color_topics(c.color_topic, c.color_transport), depth_topics(c.depth_topic))}
+        for topic, handlers in self._assembler.topic_handlers().items():
             content = handlers[0][0]
+            if content in ("color", "depth"):
+                self._images.append(_ImageInput(transports[topic], handlers))
+                self._subscribe_to_images(self._images[-1], topic)
+                continue
             subscription = self._node.subscribe(
                 kinds.get(content, Image), topic, self._handler_of(topic, handlers),
                 profiles.get(content, self._sensor_qos))
             if content not in _OPTIONAL:
                 self._inputs.append(subscription)
 
-    def _subscribe_to_color(self, color: _ColorInput, transport: str) -> None:
-        """Takes a camera's colour images by a transport, and no longer by the one before."""
-        if color.subscription is not None:
-            self._node.get_logger().info(
-                f"colour images come on {transport_topic(color.topic, transport)}")
-            self._rates.pop(transport_topic(color.topic, color.transport), None)
-            self._inputs.remove(color.subscription)
-            self._node.destroy_subscription(color.subscription)
-        color.transport = transport
-        topic = transport_topic(color.topic, transport)
-        color.subscription = self._node.subscribe(
-            CompressedImage if transport == COMPRESSED else Image, topic,
-            self._handler_of(topic, color.handlers), self._sensor_qos)
-        self._inputs.append(color.subscription)
+    def _subscribe_to_images(self, image: _ImageInput, topic: str) -> None:
+        """Takes images by a topic, and no longer by the one before."""
+        if image.subscription is not None:
+            self._node.get_logger().info(f"{image.handlers[0][0]} images come on {topic}")
+            self._rates.pop(image.topic, None)
+            self._inputs.remove(image.subscription)
+            self._node.destroy_subscription(image.subscription)
+        image.topic = topic
+        image.subscription = self._node.subscribe(
+            CompressedImage if is_compressed(topic) else Image, topic,
+            self._handler_of(topic, image.handlers), self._sensor_qos)
+        self._inputs.append(image.subscription)
 
     def _subscribe_to_tf(self) -> None:
         topics = self._assembler.tf_topics()

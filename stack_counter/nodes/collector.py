@@ -133,7 +133,7 @@ class Collector(ManagedNode[CollectorConfig]):
             header=to_header(self.get_clock().now().nanoseconds, self._config.world_frame),
             node="collector", scan_id=scan.scan_id if scan else "", state=state,
             part=scan.part if scan else "", unit_volume=scan.unit_volume if scan else 0.0,
-            problems=self._topics.wrong_transports() if scan and not scan.views else [],
+            problems=self._topics.problems() if scan and not scan.views else [],
             received=tally.received, processed=scan.views if scan else 0,
             skip_reasons=list(skipped), skip_counts=list(skipped.values()),
             missing_cameras=list(scan.missing) if scan else []))
@@ -164,7 +164,7 @@ class Collector(ManagedNode[CollectorConfig]):
             return response
         self._carry_out(self._session.start(request.scan_id))
         response.accepted, response.scan_id = True, self._session.open_scan_id
-        if lines := self._topics.wrong_transports():
+        if lines := self._topics.problems():
             response.message = "; ".join(lines)
             self.get_logger().warning(response.message)
         response.unmatched_topics = self._topics.unmatched
@@ -181,7 +181,7 @@ class Collector(ManagedNode[CollectorConfig]):
         if (scan := self._session.last_closed) is not None:
             response.accepted, response.scan_id = True, scan.scan_id
             response.published = scan.views
-            response.message = "" if scan.views else "; ".join(self._topics.wrong_transports())
+            response.message = "" if scan.views else "; ".join(self._topics.problems())
         return response
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -198,7 +198,7 @@ class Collector(ManagedNode[CollectorConfig]):
 
     def status_lines(self) -> list[tuple[bytes, str]]:
         """Names silent cameras and TF, and views and scans that wait."""
-        lines = [(WARN, line) for line in self._topics.wrong_transports()]
+        lines = [(WARN, line) for line in self._topics.problems()]
         lines += self._topics.silence_warnings() if self._session.accepting_images else []
         return lines + [(WARN, line) for line in self._session.problems()]
 

@@ -155,7 +155,8 @@ def check_agreement(views: list[View], pairs: list[ViewPair], min_views: int) ->
         raise ScanError(
             f"the views disagree by {1000 * apart:.0f} mm, {share:.0%} of what one sees is free "
             f"space to the next (off: {names}); expected below {SETTINGS.max_contradicted:.0%}: "
-            "poses of another frame or another time than the images, or depth in another unit")
+            "poses of another frame or another time than the images, or depth in another unit "
+            "(depth_scale)")
     return off
 
 

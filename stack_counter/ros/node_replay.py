@@ -17,7 +17,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from stack_counter_msgs.msg import StackCount as StackCountMsg
 from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
 
-from stack_counter.bag.bag_views import fit_rig_to_bag, subscribed_topics
+from stack_counter.bag.bag_views import subscribed_topics
+from stack_counter.bag.camera_topics import fit_rig_to_bag, topic_notes
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.replayed import (
     Replayed,
@@ -107,7 +108,9 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     results = [_collect_cycles(player.heard, region) if config.collector.mode == "cycle"
                else _collect_scan(player.heard, region, scan_id, config.reconstructor.live)
                for region in regions]
-    return require_count(_finish_result(result, reader.truncated, seconds) for result in results)
+    notes = topic_notes(config.collector, rig, reader.topics)
+    return [replace(result, notes=tuple(notes)) for result in require_count(
+        _finish_result(result, reader.truncated, seconds) for result in results)]
 
 
 def _fit_collector(config: CollectorConfig, rig: Rig, reader: BagReader) -> CollectorConfig:

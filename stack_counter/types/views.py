@@ -19,7 +19,8 @@ class Intrinsics:
     Attributes:
         width, height: image size, pixels.
         fx, fy, cx, cy: pinhole parameters, pixels; pixel centres lie on whole numbers.
-        distortion_model: `plumb_bob`, `rational_polynomial`, `equidistant`, or "" for none.
+        distortion_model: `plumb_bob`, `rational_polynomial`, `thin_prism`, `equidistant`,
+            `fisheye` (the same), or "" for none.
         distortion: coefficients in OpenCV's order; empty or all zero for none.
     """
 

@@ -21,7 +21,12 @@ from stack_counter.types import View, ViewTally
 from stack_counter.views import decoding
 from stack_counter.views.awake_clock import awake_time
 from stack_counter.views.depth_stream import DepthStream
-from stack_counter.views.image_stream import MAX_QUEUED_MESSAGES, Calibrations, ImageStream
+from stack_counter.views.image_stream import (
+    MAX_QUEUED_MESSAGES,
+    Calibrations,
+    ImageStream,
+    WaitingImage,
+)
 from stack_counter.views.robot import Robot
 from stack_counter.views.tf_buffer import TransformBuffer
 from stack_counter.views.view_gate import ViewGate
@@ -49,28 +54,12 @@ class AssemblerSettings:
 SETTINGS = AssemblerSettings()
 
 
-@dataclass(frozen=True, eq=False)
-class WaitingImage:
-    """A colour image that waits for depth, labels, calibration and pose.
-
-    Attributes:
-        stamp_ns: its stamp, ns.
-        frame: name of its optical frame.
-        color: (h, w, 3) uint8 RGB.
-        since: time of `awake_time` at its arrival, seconds.
-    """
-
-    stamp_ns: int
-    frame: str
-    color: np.ndarray
-    since: float
-
-
 class ViewAssembler:
     """Matches images by stamp, finds their poses, and skips what is not worth a view.
 
     Attributes:
         last_error: the last error's line by reason.
+        notes: what had to be assumed of the messages, a line each.
     """
 
     def __init__(self, config: CollectorConfig, live: bool = True,
@@ -94,6 +83,7 @@ class ViewAssembler:
         self._transforms = TransformBuffer(config.tf_max_gap_s)
         self._calibrations = Calibrations(self._tolerance_ns)
         self._depths = DepthStream(config, self._transforms, frame)
+        self.notes: list[str] = []
         self.start()
 
     def start(self) -> None:
@@ -131,10 +121,21 @@ class ViewAssembler:
         try:
             stamp, frame = decoding.stamp_ns(message.header.stamp), message.header.frame_id
             self._check_order(stamp, frame)
-            self._waiting.append(WaitingImage(stamp, frame, decoding.color_to_array(message),
-                                          awake_time()))
+            self._waiting.append(WaitingImage(stamp, frame, self._decode_color(message),
+                                              awake_time()))
         except ViewError as error:
             self._count_skipped(error)
+
+    def _decode_color(self, message: Any) -> np.ndarray:
+        """(h, w, 3) uint8 RGB of a message; says once what it does not say of itself."""
+        topic = self._config.color_topic
+        if (assumed := decoding.assumed_channels(message)) and not self.notes:
+            self.notes.append(f"{topic}: {assumed}")
+            _LOG.warning(self.notes[0])
+        try:
+            return decoding.color_to_array(message)
+        except ViewError as error:
+            raise error.on(topic) from error
 
     def _check_order(self, stamp: int, frame: str) -> None:
         self._frame = self._frame or frame
@@ -164,7 +165,7 @@ class ViewAssembler:
         self._calibrations.restart()
 
     def add_depth(self, message: Any) -> None:
-        """Takes a depth `Image`."""
+        """Takes a depth `Image` or `CompressedImage`."""
         self._depths.add_message(message)
 
     def add_depth_camera_info(self, message: Any) -> None:
@@ -173,7 +174,7 @@ class ViewAssembler:
 
     def add_labels(self, message: Any) -> None:
         """Takes a label `Image` that is aligned to colour."""
-        self._labels.add_message(message, decoding.labels_to_array)
+        self._labels.add_message(message, decoding.labels_to_array, self._config.labels_topic)
 
     def add_camera_info(self, message: Any) -> None:
         """Takes a `CameraInfo`; it is checked when a view needs it."""

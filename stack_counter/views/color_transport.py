@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""By which of two topics a camera's colour images come: raw, or compressed beside it. No ROS."""
+"""By which topic a camera's images come: raw, or compressed beside it. No ROS."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 AUTO, RAW, COMPRESSED = "auto", "raw", "compressed"
+_SUFFIXES = ("/compressed", "/compressedDepth")  # of image_transport's topics of CompressedImage
 
 
 def transport_topic(color_topic: str, transport: str) -> str:
@@ -25,6 +26,34 @@ def published_transports(color_topic: str, count: Callable[[str], int]) -> list[
     """
     return [transport for transport in (RAW, COMPRESSED)
             if count(transport_topic(color_topic, transport))]
+
+
+def color_topics(color_topic: str, setting: str) -> list[str]:
+    """Returns the topics on which colour images may come, the best first.
+
+    Args:
+        color_topic: name of the raw topic.
+        setting: `color_transport`.
+    """
+    transports = (RAW, COMPRESSED) if setting == AUTO else (setting,)
+    return [transport_topic(color_topic, transport) for transport in transports]
+
+
+def depth_topics(depth_topic: str) -> list[str]:
+    """Returns the topics on which depth of a configured name may come, the best first."""
+    if not depth_topic or is_compressed(depth_topic):
+        return [depth_topic]
+    return [depth_topic, *(f"{depth_topic}{suffix}" for suffix in reversed(_SUFFIXES))]
+
+
+def is_compressed(topic: str) -> bool:
+    """Tells whether a topic of images is, by its name, one of `CompressedImage`."""
+    return topic.endswith(_SUFFIXES)
+
+
+def without_transport(topic: str) -> str:
+    """Returns the name of the raw topic beside which a compressed one lies."""
+    return topic.rpartition("/")[0] if is_compressed(topic) else topic
 
 
 def wrong_transport_line(color_topic: str, setting: str, count: Callable[[str], int]) -> str:

@@ -9,6 +9,7 @@ give a wrong V.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from stack_counter.config import CollectorConfig
 from stack_counter.errors import ViewError
 from stack_counter.types import Intrinsics, View
 from stack_counter.views import decoding
+from stack_counter.views.color_transport import without_transport
 from stack_counter.views.depth_registration import register_depth
 from stack_counter.views.image_stream import Calibrations, ImageStream
 from stack_counter.views.tf_buffer import TransformBuffer
@@ -49,7 +51,7 @@ def depth_camera_info_topic(config: CollectorConfig) -> str:
     if not config.depth_topic or config.depth_camera_info_topic == config.camera_info_topic:
         return ""
     return config.depth_camera_info_topic or \
-        f"{config.depth_topic.rpartition('/')[0]}/camera_info"
+        f"{without_transport(config.depth_topic).rpartition('/')[0]}/camera_info"
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +121,10 @@ class DepthStream:
         self._calibrations.note_decided(stamp_ns)
 
     def add_message(self, message: Any) -> None:
-        """Takes a depth `Image`."""
-        self._images.add_message(message, decoding.depth_to_metres)
+        """Takes a depth `Image` or `CompressedImage`."""
+        self._images.add_message(
+            message, partial(decoding.depth_to_metres, scale=self._config.depth_scale),
+            self._config.depth_topic)
 
     def add_camera_info(self, message: Any) -> None:
         """Takes the depth images' own `CameraInfo`."""

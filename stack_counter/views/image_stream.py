@@ -6,6 +6,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,23 @@ from stack_counter.types import Intrinsics
 from stack_counter.views import decoding
 
 MAX_QUEUED_MESSAGES = 30
+
+
+@dataclass(frozen=True, eq=False)
+class WaitingImage:
+    """A colour image that waits for depth, labels, calibration and pose.
+
+    Attributes:
+        stamp_ns: its stamp, ns.
+        frame: name of its optical frame.
+        color: (h, w, 3) uint8 RGB.
+        since: time of `awake_time` at its arrival, seconds.
+    """
+
+    stamp_ns: int
+    frame: str
+    color: np.ndarray
+    since: float
 
 
 class ImageStream:
@@ -40,12 +58,12 @@ class ImageStream:
         self._images.insert(i, (frame, image))
         self._forget(len(self._stamps) - MAX_QUEUED_MESSAGES)
 
-    def add_message(self, message: Any, decode: Callable[[Any], np.ndarray]) -> None:
-        """Adds the image of a message; why it does not decode is said where it is needed."""
+    def add_message(self, message: Any, decode: Callable[[Any], np.ndarray], topic: str) -> None:
+        """Adds the image of a topic's message; an error of it is raised where it is needed."""
         try:
             image: np.ndarray | ViewError = decode(message)
         except ViewError as error:
-            image = error
+            image = error.on(topic)
         self.add(decoding.stamp_ns(message.header.stamp), image,
                  message.header.frame_id.lstrip("/"))
 

@@ -18,7 +18,7 @@ from stack_counter.config import CollectorConfig, build_section
 from stack_counter.errors import ConfigError, ViewError
 
 _TOPICS = ("color_topic", "color_transport", "camera_info_topic", "depth_topic",
-           "depth_camera_info_topic", "labels_topic")
+           "depth_camera_info_topic", "depth_scale", "labels_topic")
 _CAMERA_KEYS = (*_TOPICS, "pose", "frame")
 _TRIGGER = {"tolerance_s": 0.05, "timeout_s": 1.0}
 

@@ -64,6 +64,11 @@ class RigAssembler:
         return [f"{name}: {line}" if name else line for name, a in self.assemblers.items()
                 for line in a.last_error.values()]
 
+    @property
+    def notes(self) -> list[str]:
+        """What had to be assumed of the cameras' messages, a line each."""
+        return [line for a in self.assemblers.values() for line in a.notes]
+
     def add_transform(self, message: Any, static: bool) -> None:
         """Takes a `TransformStamped` of /tf or /tf_static."""
         for assembler in self.assemblers.values():

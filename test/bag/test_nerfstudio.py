@@ -11,7 +11,8 @@ from kits.bags import picture
 from rosbags.highlevel import AnyReader
 
 from stack_counter import geometry
-from stack_counter.bag.bag_views import fit_rig_to_bag, read_views
+from stack_counter.bag.bag_views import read_views
+from stack_counter.bag.camera_topics import fit_rig_to_bag
 from stack_counter.bag.nerfstudio import import_scene
 from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig

@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
 
 from stack_counter import geometry
-from stack_counter.bag.bag_views import fit_camera_to_bag
+from stack_counter.bag.camera_topics import fit_camera_to_bag
 from stack_counter.bag.info import describe_bag
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.recorder import Recorder

@@ -25,7 +25,8 @@ from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
 
 from stack_counter import geometry
-from stack_counter.bag.bag_views import fit_camera_to_bag, fit_rig_to_bag, read_views
+from stack_counter.bag.bag_views import read_views
+from stack_counter.bag.camera_topics import fit_camera_to_bag, fit_rig_to_bag
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.writer import write_bag
 from stack_counter.config import CollectorConfig

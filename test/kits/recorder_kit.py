@@ -6,7 +6,8 @@ import time
 import numpy as np
 from kits.recording_kit import IMAGE, STORE, records, scan
 
-from stack_counter.bag.bag_views import fit_rig_to_bag, read_views
+from stack_counter.bag.bag_views import read_views
+from stack_counter.bag.camera_topics import fit_rig_to_bag
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.recorder import Received
 from stack_counter.config import CollectorConfig

@@ -14,7 +14,8 @@ from stack_counter_msgs.msg import ScanStatus, StackCount
 from stack_counter_msgs.srv import GetCount, StartCount
 from std_srvs.srv import Trigger
 
-from stack_counter.bag.bag_views import fit_camera_to_bag, subscribed_topics
+from stack_counter.bag.bag_views import subscribed_topics
+from stack_counter.bag.camera_topics import fit_camera_to_bag
 from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig
 from stack_counter.ros.player import message_type

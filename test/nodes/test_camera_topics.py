@@ -29,6 +29,11 @@ class Node:
     def count_publishers(self, topic):
         return self.publishers.get(topic, 0)
 
+    def get_topic_names_and_types(self):
+        kinds = {"camera_info": "CameraInfo", "compressed": "CompressedImage"}
+        return [(topic, [f"sensor_msgs/msg/{kinds.get(topic.rpartition('/')[2], 'Image')}"])
+                for topic in {*self.topics, *self.publishers}]
+
     def resolve_topic_name(self, topic):
         return topic
 
@@ -42,7 +47,7 @@ def node():
 
 
 def topics_of(node, **settings):
-    assembler = RigAssembler(load_rig(CollectorConfig(depth_topic="", **settings)))
+    assembler = RigAssembler(load_rig(CollectorConfig(**{"depth_topic": "", **settings})))
     return CameraTopics(node, assembler, True, lambda: True, lambda: None)
 
 
@@ -61,7 +66,7 @@ def test_auto_follows_what_is_published(node):
         node.publishers = publishers
         topics.follow_publishers()
         assert colors(node) == expected, publishers
-    assert "/c" not in topics.unmatched and topics.wrong_transports() == []
+    assert "/c" not in topics.unmatched and topics.problems() == []
     assert [key for key in topics.status_values() if key.endswith("Hz")] == ["/c Hz", "tf Hz"]
 
 
@@ -70,7 +75,7 @@ def test_a_transport_that_is_set_stays_and_the_other_is_named(node):
     node.publishers = {"/c/compressed": 1}
     topics.follow_publishers()
     assert colors(node) == {"/c": Image} and "/c" in topics.unmatched
-    assert topics.wrong_transports() == [
+    assert topics.problems() == [
         "/c/compressed has 1 publisher: set color_transport: compressed (or auto)"]
 
 
@@ -82,4 +87,29 @@ def test_each_camera_of_a_rig_by_itself(node, tmp_path):
     node.publishers = {"/a/compressed": 1, "/b/compressed": 1}
     topics.follow_publishers()
     assert set(colors(node)) == {"/a/compressed", "/b"}
-    assert len(topics.wrong_transports()) == 1
+    assert len(topics.problems()) == 1
+
+
+def test_depth_follows_what_is_published_too(node):
+    topics = topics_of(node, color_topic="/c", depth_topic="/d")
+    assert colors(node) == {"/c": Image, "/d": Image}
+    for publishers, expected in (({"/d/compressed": 1}, "/d/compressed"),
+                                 ({"/d/compressedDepth": 1, "/d/compressed": 1},
+                                  "/d/compressedDepth"), ({"/d": 1}, "/d")):
+        node.publishers = publishers
+        topics.follow_publishers()
+        assert set(colors(node)) == {"/c", expected}
+    named = topics_of(Node(), color_topic="/c", depth_topic="/d/compressedDepth")
+    assert named.unmatched == ["/c", "/camera/color/camera_info", "/d/compressedDepth", "/tf"]
+
+
+def test_cameras_that_are_published_where_the_one_that_is_set_is_not_are_named(node):
+    topics = topics_of(node)
+    assert topics.problems() == []  # nothing is published
+    node.publishers = {"/a/color/image_raw": 1, "/a/color/camera_info": 1, "/a/depth/image": 1}
+    assert topics.problems() == [
+        "/camera/color/image_raw has no publisher; set for the collector {color_topic: "
+        "/a/color/image_raw, camera_info_topic: /a/color/camera_info, depth_topic: "
+        "/a/depth/image}"]
+    node.publishers["/camera/color/image_raw/compressed"] = 1
+    assert topics.problems() == []

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from kits.bags import FRAME, bag, bin_views, picture
 
-from stack_counter.bag.bag_views import fit_camera_to_bag, subscribed_topics
+from stack_counter.bag.bag_views import subscribed_topics
+from stack_counter.bag.camera_topics import fit_camera_to_bag
 from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig
 from stack_counter.views.assembler import ViewAssembler

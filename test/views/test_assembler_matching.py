@@ -40,7 +40,8 @@ def test_a_view_holds_what_was_sent():
 
 
 @pytest.mark.parametrize("reason, fault, said", [
-    ("bad_encoding", {"color": image(picture(1), "yuv422", stamp_of(1))}, ["yuv422", "rgb8"]),
+    ("bad_encoding", {"color": image(picture(1), "yuv411", stamp_of(1))},
+     ["yuv411", "rgb8", "/camera/color/image_raw: "]),
     ("size_mismatch", {"color": image(picture(1)[:40], "rgb8", stamp_of(1))}, ["64x40", "64x48"]),
     ("bad_intrinsics", {"info": camera_info(replace(CAMERA, fx=0.0), stamp_of(1))}, ["fx 0.0"]),
     ("bad_intrinsics", {"info": camera_info(replace(CAMERA, cy=np.nan), stamp_of(1))}, ["nan"]),

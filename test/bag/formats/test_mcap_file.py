@@ -9,7 +9,7 @@ import pytest
 from kits.recording_kit import FRAME, TF, records, scan, tf_record, write
 from mcap.writer import CompressionType, Writer
 
-from stack_counter.bag.bag_views import fit_camera_to_bag
+from stack_counter.bag.camera_topics import fit_camera_to_bag
 from stack_counter.bag.formats.mcap_file import McapFile
 from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig

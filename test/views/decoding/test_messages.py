@@ -100,10 +100,10 @@ def test_depth_without_a_valid_pixel_is_refused(stored, encoding):
 
 
 @pytest.mark.parametrize("call, encoding", [
-    (decoding.color_to_array, "yuv422"), (decoding.color_to_array, "16UC1"),
+    (decoding.color_to_array, "yuv411"), (decoding.color_to_array, "16UC1"),
     (decoding.depth_to_metres, "rgb8"), (decoding.depth_to_metres, "32FC3"),
     (decoding.labels_to_array, "rgb8"), (decoding.labels_to_array, "32SC1"),
-    (decoding.image_to_array, "bayer_rggb8"), (decoding.image_to_array, ""),
+    (decoding.image_to_array, "8SC1"), (decoding.image_to_array, ""),
 ])
 def test_an_unknown_encoding_is_refused_by_name(call, encoding):
     error = refused(call, kit.image(GREY, encoding))

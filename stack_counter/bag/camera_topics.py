@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which topics of a bag the settings of the cameras mean."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from stack_counter.config import CollectorConfig
+from stack_counter.errors import BagError
+from stack_counter.views.camera_search import (
+    FoundCamera,
+    find_cameras,
+    is_unset,
+    lines_to_paste,
+)
+from stack_counter.views.color_transport import (
+    AUTO,
+    COMPRESSED,
+    RAW,
+    depth_topics,
+    published_transports,
+    transport_topic,
+)
+from stack_counter.views.depth_stream import depth_camera_info_topic
+from stack_counter.views.rig import Rig
+from stack_counter.views.rig_assembler import RigAssembler
+
+LABELS_TOPIC = "/camera/labels"
+
+
+def fit_camera_to_bag(config: CollectorConfig, topics: dict[str, tuple[str, int]]
+                      ) -> CollectorConfig:
+    """Settings of one camera with the topics and transports that a bag has, and no recording.
+
+    Topics that have their default names and are not in the bag are looked for.
+
+    Args:
+        config: settings of the camera.
+        topics: type name and number of messages by topic.
+
+    Raises:
+        BagError: the bag has no colour images of the camera, or of several that it may be.
+    """
+    named, config = config, _find_topics(config, topics)
+    if not published_transports(config.color_topic, topics.__contains__):
+        raise BagError(f"no images on {config.color_topic} or "
+                       f"{transport_topic(config.color_topic, COMPRESSED)}; the bag has "
+                       f"{_listed(topics)}{_proposal(topics)}")
+    labels = config.labels_topic or LABELS_TOPIC
+    depth = _recorded_depth(config, topics)
+    info = depth_camera_info_topic(config)
+    return replace(
+        config, color_transport=_recorded_transport(config, topics), depth_topic=depth,
+        depth_camera_info_topic=info if info in topics else named.depth_camera_info_topic,
+        labels_topic=labels if labels in topics else "", record_folder="")
+
+
+def _find_topics(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> CollectorConfig:
+    """The settings with the bag's names of topics that have their default name and are not there.
+
+    Raises:
+        BagError: more than one camera of the bag may be meant.
+    """
+    present = {"color_topic": bool(published_transports(config.color_topic, topics.__contains__)),
+               "camera_info_topic": config.camera_info_topic in topics,
+               "depth_topic": any(topic in topics for topic in depth_topics(config.depth_topic))}
+    searched = [name for name in present if not present[name] and is_unset(config, name)]
+    if not present["color_topic"] and "color_topic" not in searched:
+        return config
+    cameras = _cameras_of(topics)
+    if present["color_topic"]:
+        cameras = [camera for camera in cameras if camera.color_topic == config.color_topic]
+    if len(cameras) > 1:
+        raise BagError(f"no images on {config.color_topic}, and {len(cameras)} cameras in the "
+                       f"bag; expected one: set for the collector {lines_to_paste(cameras)}")
+    found = cameras[0].settings() if cameras else {}
+    changes: dict[str, Any] = {name: found[name] for name in searched if found.get(name)}
+    return replace(config, **changes)
+
+
+def _cameras_of(topics: dict[str, tuple[str, int]]) -> list[FoundCamera]:
+    """The cameras of a bag; without depth that could not be brought into the colour images."""
+    cameras = find_cameras(_types(topics))
+    return [camera if camera.is_aligned or "/tf_static" in topics else
+            replace(camera, depth_topic="") for camera in cameras]
+
+
+def _listed(topics: dict[str, tuple[str, int]]) -> str:
+    """Names the topics of a bag with their types."""
+    return ", ".join(f"{topic} ({kind})" for topic, (kind, _) in topics.items()) or "no topics"
+
+
+def _proposal(topics: dict[str, tuple[str, int]]) -> str:
+    """Says which topics may be set instead; "" where there are none."""
+    cameras = find_cameras(_types(topics))
+    return f"; set for the collector {lines_to_paste(cameras)}" if cameras else ""
+
+
+def _recorded_transport(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> str:
+    """How a bag's colour images of a camera come: as is set, if they do, or else as they do."""
+    recorded = published_transports(config.color_topic, topics.__contains__)
+    return config.color_transport if config.color_transport in recorded else (recorded or [RAW])[0]
+
+
+def _recorded_depth(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> str:
+    """The topic by which a bag's depth images of a camera come; empty where there are none."""
+    return next((topic for topic in depth_topics(config.depth_topic) if topic in topics), "")
+
+
+def fit_rig_to_bag(rig: Rig, topics: dict[str, tuple[str, int]]) -> Rig:
+    """One camera with the topics and transports that a bag has; a rig file's as it names them.
+
+    Args:
+        rig: the cameras.
+        topics: type name and number of messages by topic.
+
+    Raises:
+        BagError: the bag has no colour images of any camera.
+    """
+    if len(rig.cameras) == 1:
+        camera = rig.cameras[0]
+        fitted = fit_camera_to_bag(camera.config, topics)
+        return replace(rig, cameras=(replace(camera, config=fitted),))
+    rig = replace(rig, cameras=tuple(
+        replace(camera, config=replace(
+            camera.config,
+            color_transport=_recorded_transport(camera.config, topics)
+            if camera.config.color_transport == AUTO else camera.config.color_transport,
+            depth_topic=_recorded_depth(camera.config, topics) or camera.config.depth_topic))
+        for camera in rig.cameras))
+    expected = RigAssembler(rig).color_topics()
+    if not set(expected) & set(topics):
+        raise BagError(f"no images on {', '.join(expected)}; the bag has "
+                       f"{_listed(topics)}")
+    return rig
+
+
+def topic_notes(config: CollectorConfig, rig: Rig, topics: dict[str, tuple[str, int]]
+                ) -> list[str]:
+    """Says what was found in a bag, and which depth in it is left out, a line each.
+
+    Args:
+        config: the settings.
+        rig: the cameras, fitted to the bag.
+        topics: type name and number of messages by topic.
+    """
+    if config.rig:  # it names its topics
+        return []
+    fitted = rig.cameras[0].config
+    found = [f"{name}: {getattr(fitted, name)}" for name in
+             ("color_topic", "camera_info_topic", "depth_topic")
+             if getattr(fitted, name) not in ("", getattr(config, name))]
+    notes = [f"topics found in the bag: {', '.join(found)}; set the collector's to choose others"
+             ] if found else []
+    cameras = [camera for camera in find_cameras(_types(topics))
+               if camera.color_topic == fitted.color_topic and camera.depth_topic]
+    if cameras and config.depth_topic and not fitted.depth_topic:
+        notes.append(f"depth on {cameras[0].depth_topic} is left out, no /tf_static says where "
+                     "its camera is; set depth_topic to use it")
+    return notes
+
+
+def missing_depth_line(config: CollectorConfig, rig: Rig, topics: dict[str, tuple[str, int]]
+                       ) -> str:
+    """Names the depth that a bag lacks, and its images; "" where it has or needs none."""
+    if config.rig or rig.cameras[0].config.depth_topic or not config.depth_topic:
+        return ""
+    images = {topic: held for topic, held in topics.items() if "Image" in held[0]}
+    return f"no depth on {config.depth_topic}; set depth_topic if it is one of {_listed(images)}"
+
+
+def _types(topics: dict[str, tuple[str, int]]) -> dict[str, str]:
+    """The type names of topics."""
+    return {topic: kind for topic, (kind, _) in topics.items()}

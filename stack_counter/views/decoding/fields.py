@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stamps, calibrations and poses of ROS messages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from stack_counter import geometry
+from stack_counter.types import Intrinsics
+
+
+def stamp_ns(stamp: Any) -> int:
+    """Returns the nanoseconds of a `builtin_interfaces/Time`."""
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def intrinsics_of_camera_info(message: Any) -> Intrinsics:
+    """Returns the calibration of the images that come with a `CameraInfo`, unchecked.
+
+    Its K is that of the full sensor; a region of interest (`roi`) and binning are applied to it as
+    image_geometry does. Field names in both ROS spellings (k, K).
+    """
+    k = [float(x) for x in (message.k if hasattr(message, "k") else message.K)]
+    d = message.d if hasattr(message, "d") else message.D
+    width, height = int(message.width), int(message.height)
+    left = top = 0
+    if roi := getattr(message, "roi", None):
+        left, top = int(roi.x_offset), int(roi.y_offset)
+        width, height = int(roi.width) or width, int(roi.height) or height
+    bin_x = max(int(getattr(message, "binning_x", 1)), 1)
+    bin_y = max(int(getattr(message, "binning_y", 1)), 1)
+    return Intrinsics(width // bin_x, height // bin_y, k[0] / bin_x, k[4] / bin_y,
+                      (k[2] - left) / bin_x, (k[5] - top) / bin_y,
+                      str(message.distortion_model), tuple(float(x) for x in d))
+
+
+def pose_to_matrix(pose: Any) -> np.ndarray:
+    """Returns the (4, 4) transform of a `geometry_msgs/Pose`.
+
+    Raises:
+        ViewError: reason `bad_pose`: not finite, or the quaternion's norm is off 1.
+    """
+    q, p = pose.orientation, pose.position
+    return geometry.pose_from_quaternion(np.array([q.x, q.y, q.z, q.w]),
+                                         np.array([p.x, p.y, p.z]))
+
+
+def transform_to_matrix(transform: Any) -> np.ndarray:
+    """Returns the (4, 4) transform of a `geometry_msgs/Transform`.
+
+    Raises:
+        ViewError: reason `bad_pose`: not finite, or the quaternion's norm is off 1.
+    """
+    q, t = transform.rotation, transform.translation
+    return geometry.pose_from_quaternion(np.array([q.x, q.y, q.z, q.w]),
+                                         np.array([t.x, t.y, t.z]))
