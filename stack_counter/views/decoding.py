@@ -14,13 +14,21 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.errors import ViewError
-from stack_counter.types import Intrinsics
+from stack_counter.types import (
+    BACKGROUND,
+    CONTAINER,
+    PARTS,
+    UNLABELLED,
+    UNSEEN,
+    Intrinsics,
+)
 
 _ENCODINGS = {"rgb8": (np.uint8, 3), "bgr8": (np.uint8, 3), "rgba8": (np.uint8, 4),
               "bgra8": (np.uint8, 4), "mono8": (np.uint8, 1), "8UC1": (np.uint8, 1),
               "mono16": (np.uint16, 1), "16UC1": (np.uint16, 1), "32FC1": (np.float32, 1)}
 _TO_RGB = {"bgr8": cv2.COLOR_BGR2RGB, "rgba8": cv2.COLOR_RGBA2RGB, "bgra8": cv2.COLOR_BGRA2RGB,
            "mono8": cv2.COLOR_GRAY2RGB, "8UC1": cv2.COLOR_GRAY2RGB}
+_LABELS = (BACKGROUND, CONTAINER, PARTS, UNLABELLED, UNSEEN)
 # A larger image, in pixels, is a damaged message, not a camera.
 _MAX_SIDE_PX = 16384
 
@@ -103,18 +111,19 @@ def depth_to_metres(message: Any) -> np.ndarray:
 
 
 def labels_to_array(message: Any) -> np.ndarray:
-    """Decodes a `mono8` image to an (h, w) uint8 label image of values 0, 1 and 2.
+    """Decodes a `mono8` image to an (h, w) uint8 label image, whose values `View` lists.
 
     Raises:
         ViewError: the encoding is none of labels (`bad_encoding`), size and bytes do not fit
-            (`bad_image`), or a value is above 2 (`bad_labels`).
+            (`bad_image`), or a value is none of a label
+            (`bad_labels`).
     """
     if message.encoding not in ("mono8", "8UC1"):
         raise ViewError("bad_encoding", f"labels in '{message.encoding}'; expected mono8")
     labels = image_to_array(message)
-    if labels.max() > 2:
+    if not np.isin(labels, _LABELS).all():
         raise ViewError("bad_labels", f"label values {np.unique(labels)[:8].tolist()}; expected "
-                                      "0 background, 1 container, 2 parts")
+                                      "0 background, 1 container, 2 parts, 254 masked out")
     return labels
 
 
