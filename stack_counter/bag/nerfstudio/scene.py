@@ -46,6 +46,7 @@ _LOG = logging.getLogger(__name__)
 _FRAME = "camera_color_optical_frame"
 # Folders with the depth of pictures of the same names, where transforms.json names none.
 _DEPTH_FOLDERS = ("depths", "depth")
+_UNNAMED = "unnamed depth"  # key of frames whose depth comes from such a folder
 
 
 @dataclass(frozen=True)
@@ -112,8 +113,8 @@ def import_scene(scene: Path, out: Path) -> str:
     # Read the images while the bag is written: they would not all fit into memory as numbers.
     views, jpegs = tee(_read_views(found))
     write_bag(out, (view for view, _ in views), jpegs=(jpeg for _, jpeg in jpegs))
-    if facts.count:
-        (out / "truth.json").write_text(json.dumps({"count": facts.count}) + "\n")
+    if facts.parts:
+        (out / "truth.json").write_text(json.dumps({"count": facts.parts}) + "\n")
     return _describe(out, found, missing, facts)
 
 
@@ -122,9 +123,8 @@ def _name_unnamed_depth(scene: Path, frames: list[Frame]) -> list[Frame]:
     folder = next((name for name in _DEPTH_FOLDERS if (scene / name).is_dir()), "")
     if not folder or any("depth_file_path" in frame for frame in frames):
         return frames
-    _LOG.warning("transforms.json names no depth_file_path: depth is taken from %s/", folder)
-    return [{**frame, "depth_file_path": f"{folder}/{Path(frame['file_path']).name}"}
-            for frame in frames]
+    return [{**frame, _UNNAMED: folder,
+             "depth_file_path": f"{folder}/{Path(frame['file_path']).name}"} for frame in frames]
 
 
 def _find_all(scene: Path, frames: list[Frame]
@@ -246,7 +246,10 @@ def _describe(out: Path, found: list[tuple[Frame, _Files]], missing: Counter[str
     every = [files for _, files in found]
     labelled = sum(files.labels is not None or files.parts is not None for files in every)
     line = f"{out}: {len(every)} views, {labelled} with labels"
-    for number, text in ((sum(files.depth is not None for files in every), "with depth"),
+    folder = found[0][0].get(_UNNAMED)
+    depth = f"with depth of {folder}/, which transforms.json does not name" if folder \
+        else "with depth"
+    for number, text in ((sum(files.depth is not None for files in every), depth),
                          (sum(files.mask is not None for files in every), "masked")):
         line += f", {number} {text}" if number else ""
     line += "".join(f", {text}" for text in _count_lines(missing))

@@ -27,11 +27,11 @@ class SceneFacts(NamedTuple):
 
     Attributes:
         unit_volume_cm3: volume of one part; 0 where it is not known.
-        count: number of parts, counted by hand; 0 where it is not known.
+        parts: number of parts, counted by hand; 0 where it is not known.
     """
 
     unit_volume_cm3: float = 0.0
-    count: int = 0
+    parts: int = 0
 
 
 def read_facts(scene: Path) -> SceneFacts:

@@ -89,9 +89,9 @@ def read_pose(frame: Frame) -> np.ndarray:
                        "4 x 4")
     T = np.vstack([T[:3], [0, 0, 0, 1]])
     rotation = T[:3, :3]
-    error = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-    if error > _ROTATION_ERROR or np.linalg.det(rotation) < 0:
-        raise BagError(f"{name}: the transform_matrix is off a rotation by {error:.3g}; expected "
+    off = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    if off > _ROTATION_ERROR or np.linalg.det(rotation) < 0:
+        raise BagError(f"{name}: the transform_matrix is off a rotation by {off:.3g}; expected "
                        "right-handed axes of length 1: a scale belongs into applied_scale")
     T[:3, 3] /= position_scale(frame)
     return T @ _T_CAMERA_OPTICAL

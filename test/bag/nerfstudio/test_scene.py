@@ -94,7 +94,8 @@ def test_depth_is_used_and_masked_by_masks(tmp_path, keys):
     mask[:40] = 0
     add_images(scene, "masks", mask)
     said = import_scene(scene, tmp_path / "out")
-    assert "3 views, 0 with labels, 3 with depth, 3 masked" in said
+    source = "" if keys else " of depths/, which transforms.json does not name"
+    assert f"3 views, 0 with labels, 3 with depth{source}, 3 masked" in said
     for view in views_of(tmp_path / "out"):
         assert view.labels is None and view.depth is not None
         assert not view.depth[:40].any() and np.allclose(view.depth[40:], 0.5)
