@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes take parameter files that call them by their bare names."""
+"""Nodes take parameter files that call them by their bare names, and remappings."""
+
+import os
+import subprocess
+import sys
 
 import rclpy
 from rclpy.node import Node
@@ -7,6 +11,7 @@ from rclpy.node import Node
 from stack_counter.parameter_files import NAMESPACE
 from stack_counter.ros.diagnostics import data_age_s
 from stack_counter.ros.node_arguments import fully_named
+from stack_counter.ros.private_domain import PrivateDomain
 
 
 def parameters_of_a_node(arguments):
@@ -40,3 +45,37 @@ def test_bare_names_are_those_of_nodes_in_any_namespace(tmp_path):
 def test_data_has_no_age_before_the_clock_of_a_bag_has_come():
     assert data_age_s(3 * 10**9, 10**9) == 2.0
     assert str(data_age_s(0, 10**9)) == "nan"
+
+
+REMAPPED = """
+import rclpy
+from stack_counter.nodes.collector import Collector
+
+rclpy.init()
+node = Collector()
+node.trigger_configure()
+print(sorted(s.topic_name for s in node.subscriptions))
+print(sorted(p.topic_name for p in node.publishers))
+print(sorted(s.service_name for s in node.services))
+print(node.get_clock().now().nanoseconds)
+"""
+
+
+def test_all_topics_of_a_collector_can_be_remapped_and_its_clock_be_that_of_a_bag():
+    remaps = {"/camera/color/image_raw": "/cell/rgb", "/camera/color/camera_info": "/cell/info",
+              "/camera/aligned_depth_to_color/image_raw": "/cell/depth",
+              "/camera/aligned_depth_to_color/camera_info": "/cell/depth_info", "/tf": "/cell/tf",
+              "posed_images": "views", "start_scan": "begin_scan"}
+    rules = [word for name, other in remaps.items() for word in ("-r", f"{name}:={other}")]
+    with PrivateDomain() as domain:
+        done = subprocess.run(
+            [sys.executable, "-c", REMAPPED, "--ros-args", *rules, "-p", "use_sim_time:=true",
+             "-p", "color_transport:=raw"],
+            capture_output=True, text=True, timeout=120, env={**os.environ, **domain.environment})
+    subscribed, published, services, now = done.stdout.splitlines()
+    for topic in ("/cell/rgb", "/cell/info", "/cell/depth", "/cell/tf", "/clock"):
+        assert f"'{topic}'" in subscribed, done.stderr
+    assert "/camera" not in subscribed and "'/tf'" not in subscribed
+    assert "'/stack_counter/views'" in published and "posed_images" not in published
+    assert "begin_scan" in services and "start_scan" not in services, services
+    assert now == "0", "nobody publishes /clock, and nothing waits for it"
