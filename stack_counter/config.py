@@ -13,12 +13,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
-
 from stack_counter.errors import ConfigError
 from stack_counter.named_region import REGIONS, NamedRegion, read_regions, write_regions
-
-NAMESPACE = "/stack_counter"
+from stack_counter.parameter_files import (
+    nearest_name,
+    read_parameter_file,
+    without_ros_parameters,
+    write_parameter_file,
+)
 
 
 def _setting(default: Any, doc: str, low: float | None = None, high: float | None = None,
@@ -203,6 +205,9 @@ class Config:
 
 _SECTIONS: dict[str, type] = {"collector": CollectorConfig, "reconstructor": ReconstructorConfig,
                               "counter": CounterConfig}
+# Names of the settings of each node.
+SETTING_NAMES = {node: frozenset(f.name for f in dataclasses.fields(section))
+                 for node, section in _SECTIONS.items()}
 Section = TypeVar("Section", CollectorConfig, ReconstructorConfig, CounterConfig)
 
 
@@ -220,7 +225,9 @@ def build_section(section: type[Section], values: dict[str, Any]) -> Section:
     checked: dict[str, Any] = {}
     for name, value in values.items():
         if name not in fields:
-            raise ConfigError(f"unknown setting '{name}'; expected one of {sorted(fields)}")
+            near = nearest_name(name, fields)
+            raise ConfigError(f"unknown setting '{name}'; expected "
+                              + (f"'{near}'" if near else f"one of {sorted(fields)}"))
         checked[name] = read_regions(value) if name == REGIONS \
             else _check_value(fields[name], value)
     return section(**checked)
@@ -268,34 +275,26 @@ def load_config(path: Path) -> Config:
         ConfigError: not YAML, unknown node or setting, value out of range.
         FileNotFoundError: no such file.
     """
-    if not Path(path).exists() or Path(path).is_dir():
-        raise FileNotFoundError(f"no settings file '{path}'; expected a YAML file of ROS "
-                                "parameters such as config/stack_counter.yaml")
-    try:
-        document = yaml.safe_load(Path(path).read_text()) or {}
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} is not YAML: {str(error).splitlines()[0]}") from error
-    if not isinstance(document, dict):
-        raise ConfigError(f"{path} holds {type(document).__name__}; expected node names with "
-                          "ros__parameters")
-    ros_own = {"autostart", "use_sim_time"}  # every node has these; the core does not read them
-    sections: dict[str, Any] = {}
-    for node, body in document.items():
-        name = str(node).removeprefix(NAMESPACE).strip("/")
-        if name not in _SECTIONS:
-            raise ConfigError(f"{path} names node '{node}'; expected {NAMESPACE}/collector, "
-                              f"{NAMESPACE}/reconstructor or {NAMESPACE}/counter")
-        if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
-            raise ConfigError(f"{path}: '{node}' lacks ros__parameters")
-        sections[name] = build_section(_SECTIONS[name], {key: value for key, value in
-                                         body["ros__parameters"].items() if key not in ros_own})
+    sections: dict[str, Any] = {
+        node: build_section(_SECTIONS[node], without_ros_parameters(values))
+        for node, values in read_parameters(path).items()}
     return Config(**sections)
+
+
+def read_parameters(path: Path) -> dict[str, dict[str, Any]]:
+    """Parameters by node of a ROS parameter file, unchecked, with those of ROS itself.
+
+    Raises:
+        ConfigError: not YAML, unknown node or setting.
+        FileNotFoundError: no such file.
+    """
+    return read_parameter_file(path, SETTING_NAMES)
 
 
 def to_ros_parameters(config: Config) -> str:
     """The settings as a ROS parameter file that `load` and the nodes read."""
-    return yaml.safe_dump({f"{NAMESPACE}/{name}": {"ros__parameters": _to_ros_values(
-        getattr(config, name))} for name in _SECTIONS}, sort_keys=False)
+    return write_parameter_file({node: _to_ros_values(values)
+                                 for node, values in vars(config).items()})
 
 
 def _to_ros_values(section: Any) -> dict[str, Any]:

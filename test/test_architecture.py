@@ -14,8 +14,8 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "stack_counter"
 
 # The ground: modules directly in the package. Each may import those before it.
-GROUND = ("errors", "types", "named_region", "config", "geometry", "files", "pretrained",
-          "counting", "child_processes", "progress")
+GROUND = ("errors", "types", "named_region", "parameter_files", "config", "geometry", "files",
+          "pretrained", "counting", "child_processes", "progress")
 # Package -> which others it may import besides the ground; only what stands above it here.
 LAYERS = {
     "views": (), "fusion": (), "display": (), "occupancy": (),

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 from typing import NamedTuple
 
@@ -77,7 +78,7 @@ class _Message(NamedTuple):
 
 
 def write_bag(path: Path, views: Iterable[View], transforms: Sequence[Transform] | None = None,
-              world_frame: str = "base_link", jpegs: Sequence[bytes] | None = None,
+              world_frame: str = "base_link", jpegs: Iterable[bytes] | None = None,
               static: Sequence[Transform] = (), compressed: bool = True) -> int:
     """Writes one camera's views.
 
@@ -86,7 +87,7 @@ def write_bag(path: Path, views: Iterable[View], transforms: Sequence[Transform]
         views: depth is written as 16UC1 millimetres, labels as mono8.
         transforms: samples of /tf; None writes each view's pose at its stamp and 20 ms around it.
         world_frame: parent of those poses.
-        jpegs: colour images, which are written as they are instead of the views' own.
+        jpegs: colour image of every view, written as it is instead of the views' own.
         static: transforms of /tf_static.
         compressed: whether colour is written as JPEG rather than raw.
 
@@ -99,13 +100,15 @@ def write_bag(path: Path, views: Iterable[View], transforms: Sequence[Transform]
     if path.exists():
         raise BagError(f"{path} exists; expected a new path")
     messages = [_tf_message(*transform, topic="/tf_static") for transform in static]
+    content: Iterable[bytes | None] = repeat(None) if jpegs is None else jpegs
     count = 0
-    for count, view in enumerate(views, 1):
+    for view, jpeg in zip(views, content):
+        count += 1
         # The view's calibration, depth, labels and colour.
         header = _header(view.stamp_ns, view.camera)
         messages += _image_messages(view, header)
-        if jpegs or (compressed and view.color is not None):
-            messages.append(_jpeg_message(view, header, jpegs[count - 1] if jpegs else None))
+        if jpeg or (compressed and view.color is not None):
+            messages.append(_jpeg_message(view, header, jpeg))
         elif view.color is not None:
             messages.append(_Message(view.stamp_ns, COLOR, "sensor_msgs/msg/Image",
                                      _image(view.color, "rgb8", header)))

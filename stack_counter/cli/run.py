@@ -11,15 +11,14 @@ from typing import Any
 import yaml
 
 from stack_counter.cli.common import add_config_argument
-from stack_counter.config import NAMESPACE, Config, load_config
+from stack_counter.config import Config, load_config, read_parameters
 from stack_counter.container.catalogue import configured_container
 from stack_counter.errors import ConfigError
 from stack_counter.files import config_path
+from stack_counter.parameter_files import NAMESPACE, OF_EVERY_NODE, write_parameter_file
 from stack_counter.parts.catalogue import resolve_part
 
 _NODES = ("collector", "reconstructor", "counter")
-# Parameters that every node has beside its settings.
-_OF_EVERY_NODE = ("use_sim_time", "autostart")
 
 
 def add_run(commands: argparse._SubParsersAction) -> None:
@@ -29,23 +28,24 @@ def add_run(commands: argparse._SubParsersAction) -> None:
     run.add_argument("--part", metavar="NAME", help="part of the catalogue, as part:=NAME")
     run.add_argument("parameters", nargs="*", metavar="NAME:=VALUE",
                      help="parameters on top of the file, as for launch: mode:=cycle")
+    run.add_argument("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="...",
+                     help="for all three nodes, as -r /camera/color/image_raw:=/cam/rgb")
     run.set_defaults(run=_run)
 
 
 def _run(options: argparse.Namespace) -> int:
-    # Refuse at once what the nodes cannot start with.
-    path = options.config or config_path("stack_counter.yaml")
-    config = load_config(path)
+    file = options.config or config_path("stack_counter.yaml")
     part = [f"part:={options.part}"] if options.part else []
     given = parse_parameters([*options.parameters, *part])
     with tempfile.TemporaryDirectory(prefix="stack_counter_") as folder:
-        if given:
-            file, path = path, Path(folder) / "parameters.yaml"
-            config = write_parameters(file, given, path)
-        _check_catalogues(config)
+        # The nodes get a file of their full names, whatever the file calls them.
+        anywhere = any("__ns:=" in argument for argument in options.ros_args)
+        path = Path(folder) / "parameters.yaml"
+        # Refuse at once what the nodes cannot start with.
+        _check_catalogues(write_parameters(file, given, path, "/**" if anywhere else NAMESPACE))
         from stack_counter.ros.supervisor import supervise
 
-        return supervise(path)
+        return supervise(path, options.ros_args)
 
 
 def parse_parameters(lines: list[str]) -> dict[str, Any]:
@@ -66,7 +66,8 @@ def parse_parameters(lines: list[str]) -> dict[str, Any]:
     return given
 
 
-def write_parameters(file: Path, given: dict[str, Any], out: Path) -> Config:
+def write_parameters(file: Path, given: dict[str, Any], out: Path, namespace: str = NAMESPACE
+                     ) -> Config:
     """Writes a ROS parameter file: that of `file`, with what is given for each node that has it.
 
     Returns:
@@ -75,14 +76,11 @@ def write_parameters(file: Path, given: dict[str, Any], out: Path) -> Config:
     Raises:
         ConfigError: a value that its node does not take.
     """
-    read = yaml.safe_load(file.read_text()) or {}
-    settings = {str(node).removeprefix(NAMESPACE).strip("/"): body["ros__parameters"]
-                for node, body in read.items()}
+    settings = read_parameters(file)
     for name, value in given.items():
         for node in _nodes_with(name):
             settings.setdefault(node, {})[name] = value
-    out.write_text(yaml.safe_dump({f"{NAMESPACE}/{node}": {"ros__parameters": values}
-                                   for node, values in settings.items()}, sort_keys=False))
+    out.write_text(write_parameter_file(settings, namespace))
     return load_config(out)
 
 
@@ -102,12 +100,12 @@ def _check_catalogues(config: Config) -> None:
 def _nodes_with(name: str) -> list[str]:
     """Nodes that have a parameter of this name."""
     return [node for node in _NODES
-            if name in _OF_EVERY_NODE or hasattr(getattr(Config(), node), name)]
+            if name in OF_EVERY_NODE or hasattr(getattr(Config(), node), name)]
 
 
 def _read_value(name: str, text: str) -> Any:
     """The value of a parameter in its type; a text that is not of it stays text, to be refused."""
-    default = True if name in _OF_EVERY_NODE else getattr(
+    default = True if name in OF_EVERY_NODE else getattr(
         getattr(Config(), _nodes_with(name)[0]), name)
     if isinstance(default, str):
         return text

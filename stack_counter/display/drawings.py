@@ -11,7 +11,7 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.display.mesh_colors import display_colors
-from stack_counter.types import CONTAINER, PARTS, Container, HeightMap, KeyView, Mesh
+from stack_counter.types import CONTAINER, PARTS, UNSEEN, Container, HeightMap, KeyView, Mesh
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,8 @@ def draw_container(view: KeyView, container: Container) -> np.ndarray:
     if view.color is not None:
         picture = np.ascontiguousarray(view.color[..., ::-1])
     else:
-        picture = cv2.cvtColor(((view.labels % 3) * 100).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+        grey = np.where(view.labels == UNSEEN, 0, view.labels * 100)
+        picture = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
     picture = cv2.resize(picture, None, fx=scale, fy=scale)
     # Project the rings from the floor up.
     rings = container.rings

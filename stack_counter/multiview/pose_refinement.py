@@ -24,7 +24,7 @@ from scipy.sparse.linalg import cg
 from scipy.spatial.transform import Rotation
 
 from stack_counter.errors import ViewError
-from stack_counter.types import View
+from stack_counter.types import UNSEEN, View
 
 
 @dataclass(frozen=True)
@@ -239,7 +239,8 @@ def _detect_features(view: View) -> _Features:
     grey = cv2.cvtColor(view.color, cv2.COLOR_RGB2GRAY)
     # Without precise upscaling, OpenCV's points lie a quarter of a pixel beside their place.
     sift = cv2.SIFT.create(SETTINGS.points, enable_precise_upscale=True)
-    corners, descriptors = sift.detectAndCompute(grey, None)
+    seen = None if view.labels is None else (view.labels != UNSEEN).astype(np.uint8)
+    corners, descriptors = sift.detectAndCompute(grey, seen)
     pixels = np.array([corner.pt for corner in corners], float).reshape(-1, 2)
     rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(view.intrinsics.K).T
     return _Features(rays, np.zeros((0, 128), np.float32) if descriptors is None else descriptors)

@@ -14,7 +14,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from tf2_msgs.msg import TFMessage
 
-from stack_counter.ros.diagnostics import WARN, Rate
+from stack_counter.ros.diagnostics import WARN, Rate, data_age_s
 from stack_counter.ros.lifecycle import ManagedNode
 from stack_counter.ros.qos import RELIABLE
 from stack_counter.views.camera_search import find_cameras, lines_to_paste
@@ -141,7 +141,8 @@ class CameraTopics:
 
     def silence_warnings(self) -> list[tuple[bytes, str]]:
         """Names cameras and TF that are silent."""
-        lines = [(WARN, f"no image on {topic} for {rate.silent_s:.0f} s")
+        lines = [(WARN, f"no image on {self._node.resolve_topic_name(topic)} for "
+                        f"{rate.silent_s:.0f} s")
                  for topic, rate in self._rates.items() if rate.silent_s > _SILENT_AFTER_S]
         if self._assembler.needs_tf and self._assembler.waiting \
                 and self._tf_rate.silent_s > _SILENT_AFTER_S:
@@ -222,4 +223,4 @@ class CameraTopics:
         self._on_data()
 
     def _age_s(self, header: Any) -> float:
-        return (self._node.get_clock().now().nanoseconds - stamp_ns(header.stamp)) * 1e-9
+        return data_age_s(self._node.get_clock().now().nanoseconds, stamp_ns(header.stamp))

@@ -25,7 +25,7 @@ from stack_counter.ros.conversions import (
     set_verdict,
     to_stack_count,
 )
-from stack_counter.ros.diagnostics import ERROR, OK, WARN
+from stack_counter.ros.diagnostics import ERROR, OK, WARN, data_age_s
 from stack_counter.ros.lifecycle import ManagedNode, run
 from stack_counter.ros.markers import ORIGIN_PLACE, TextPlace, count_marker, text_place
 from stack_counter.ros.qos import LATCHED_ALL, LATCHED_NEWEST
@@ -86,7 +86,8 @@ class CounterNode(ManagedNode[CounterConfig]):
         # Count.
         count = self._count_volume(message)
         count.weights = self._weights
-        count.age = (self.get_clock().now().nanoseconds - stamp_ns(message.header.stamp)) * 1e-9
+        count.age = data_age_s(self.get_clock().now().nanoseconds,
+                               stamp_ns(message.header.stamp))
         if not count.error:
             set_verdict(count, self._config.expected_count, self._config.tolerance)
         # Publish the count, and show it above the stack.

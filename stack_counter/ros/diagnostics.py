@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections import deque
@@ -64,6 +65,11 @@ def memory_mb() -> float:
     """Returns the resident memory of this process, MB."""
     with open("/proc/self/statm", encoding="ascii") as file:
         return int(file.read().split()[1]) * _PAGE_BYTES / 1e6
+
+
+def data_age_s(now_ns: int, stamp_ns: int) -> float:
+    """Age of data by a node's clock, seconds; NaN where that one waits for /clock and is 0."""
+    return (now_ns - stamp_ns) * 1e-9 if now_ns else math.nan
 
 
 def process_age_s() -> float:

@@ -4,18 +4,14 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 import traceback
 from collections.abc import Callable, Mapping
 from typing import Any, Generic
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -28,10 +24,13 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
 from stack_counter.child_processes import end_with_parent
-from stack_counter.config import NAMESPACE, Section, build_section
+from stack_counter.config import SETTING_NAMES, Section, build_section
 from stack_counter.errors import StackCounterError
 from stack_counter.named_region import REGIONS, nest
+from stack_counter.parameter_files import NAMESPACE, misspelled_names
+from stack_counter.ros.descriptors import describe_parameter
 from stack_counter.ros.diagnostics import ERROR, OK, memory_mb, process_age_s, summarize, to_array
+from stack_counter.ros.node_arguments import fully_named
 from stack_counter.ros.qos import DIAGNOSTICS
 from stack_counter.ros.security import exit_if_insecure
 
@@ -57,9 +56,12 @@ class ManagedNode(LifecycleNode, Generic[Section]):
             if field.name != REGIONS:
                 default = list(field.default) if isinstance(field.default, tuple) \
                     else field.default
-                self._declare(field.name, default, _describe_parameter(field))
+                self._declare(field.name, default, describe_parameter(field))
         self.autostart = self._declare(
             "autostart", True, ParameterDescriptor(description="configure and activate at start"))
+        for given, meant in misspelled_names(self.get_parameters_by_prefix(""), SETTING_NAMES,
+                                             name).items():
+            self.get_logger().error(f"unknown parameter '{given}'; expected '{meant}'")
         self.add_on_set_parameters_callback(self._on_parameters)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
         self.create_timer(_DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=self.steady)
@@ -258,30 +260,12 @@ class ManagedNode(LifecycleNode, Generic[Section]):
         self._cleanup_calls.append(lambda: self.destroy_timer(made))
 
 
-def _describe_parameter(field: dataclasses.Field) -> ParameterDescriptor:
-    """Returns the description and range of a settings field, as `ros2 param describe` shows it."""
-    meta = field.metadata
-    choices = f" (one of: {', '.join(meta['choices'])})" if meta["choices"] else ""
-    descriptor = ParameterDescriptor(
-        description=meta["doc"] + choices,
-        additional_constraints="may change at run time" if meta["runtime"]
-        else "read on configure; set it while the node is unconfigured")
-    low, high = meta["low"], meta["high"]
-    if low is not None and high is not None:
-        if isinstance(field.default, float):
-            descriptor.floating_point_range = [FloatingPointRange(
-                from_value=float(low), to_value=float(high))]
-        elif isinstance(field.default, int):
-            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high),
-                                                     step=1)]
-    return descriptor
-
-
 def run(node_class: type[ManagedNode]) -> None:
     """Runs a node until SIGINT or SIGTERM; configures and activates it if `autostart` is true."""
     end_with_parent()
     exit_if_insecure()
-    rclpy.init()
+    with fully_named(sys.argv) as arguments:
+        rclpy.init(args=arguments)
     node = node_class()  # type: ignore[call-arg]  # nodes name themselves
     executor = SingleThreadedExecutor()  # nothing here blocks: the action waits on futures
     executor.add_node(node)

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -58,8 +58,8 @@ def shared_memory_environment() -> dict[str, str]:
     return {name: os.environ.get(name, str(config_path("fastdds.xml")))}
 
 
-def _start_node(name: str, parameters: Path, environment: Mapping[str, str], output: IO | int
-                ) -> subprocess.Popen[str]:
+def _start_node(name: str, parameters: Path, environment: Mapping[str, str], output: IO | int,
+                ros_arguments: Sequence[str] = ()) -> subprocess.Popen[str]:
     """Starts one node as a process, which ends with this one, whatever ends this.
 
     Args:
@@ -67,10 +67,11 @@ def _start_node(name: str, parameters: Path, environment: Mapping[str, str], out
         parameters: ROS parameter file.
         environment: added to that of this process.
         output: where the node's stdout and stderr go, as for `subprocess.Popen`.
+        ros_arguments: further ones, as remappings: -r FROM:=TO.
     """
     return subprocess.Popen(
         [sys.executable, "-m", "stack_counter.nodes", name, "--ros-args", "--params-file",
-         str(parameters)],
+         str(parameters), *ros_arguments],
         env={**os.environ, **environment, ENDS_WITH_STDIN: "1"}, stdin=subprocess.PIPE,
         stdout=output, stderr=subprocess.STDOUT, text=True, errors="replace",
         start_new_session=True)  # Ctrl-C in the terminal reaches this process, which passes it on
@@ -151,22 +152,23 @@ class SupervisedProcess:
         restart_at: when it may start again, seconds of `time.monotonic`; 0 while it runs.
     """
 
-    def __init__(self, name: str, parameters: Path):
+    def __init__(self, name: str, parameters: Path, ros_arguments: Sequence[str] = ()):
         """Starts the process.
 
         Args:
             name: one of `NODES`.
             parameters: ROS parameter file.
+            ros_arguments: further ones, as remappings: -r FROM:=TO.
         """
         self.name, self.restarts, self.restart_at = name, 0, 0.0
-        self._parameters = parameters
+        self._parameters, self._ros_arguments = parameters, ros_arguments
         self._deaths_in_a_row = 0
         self._start()
 
     def _start(self) -> None:
         """Starts the process; what it prints is printed here, behind its name."""
         process = _start_node(self.name, self._parameters, shared_memory_environment(),
-                              subprocess.PIPE)
+                              subprocess.PIPE, self._ros_arguments)
         self._process: subprocess.Popen[str] | None = process
         self._started_at, self.restart_at = time.monotonic(), 0.0
         threading.Thread(target=self._print_output, args=(process,), daemon=True).start()

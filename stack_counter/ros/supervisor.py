@@ -8,11 +8,13 @@ have come.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -20,7 +22,8 @@ from stack_counter_msgs.msg import ScanStatus, StackCount, StackVolume
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from stack_counter.config import NAMESPACE, load_config
+from stack_counter.config import load_config
+from stack_counter.parameter_files import NAMESPACE
 from stack_counter.ros.diagnostics import ERROR, OK, to_array
 from stack_counter.ros.processes import NODES, SupervisedProcess
 from stack_counter.ros.qos import DIAGNOSTICS, FINAL_TOPICS, LATCHED_ALL, RELIABLE
@@ -48,8 +51,8 @@ SETTINGS = SupervisorSettings()
 class Supervisor(Node):
     """Restarts processes that end, and reports the scans that are lost with them."""
 
-    def __init__(self, parameters: Path):
-        """Starts the nodes with a ROS parameter file for all three.
+    def __init__(self, parameters: Path, ros_arguments: Sequence[str] = ()):
+        """Starts the nodes with a ROS parameter file for all three, and further arguments.
 
         Raises:
             ConfigError: the file holds no such parameters.
@@ -71,9 +74,11 @@ class Supervisor(Node):
         self.create_subscription(StackCount, "result", self._on_result, LATCHED_ALL)
         self._resets = [self.create_client(Trigger, name)
                         for name in ("reset", "reset_reconstruction")]
-        self._processes = [SupervisedProcess(name, parameters) for name in NODES]
-        self.create_timer(SETTINGS.watch_period_s, self._watch_processes)
-        self.create_timer(SETTINGS.diagnostics_period_s, self._publish_diagnostics)
+        self._processes = [SupervisedProcess(name, parameters, ros_arguments)
+                           for name in NODES]
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # also where the nodes' is a bag's
+        self.create_timer(SETTINGS.watch_period_s, self._watch_processes, clock=steady)
+        self.create_timer(SETTINGS.diagnostics_period_s, self._publish_diagnostics, clock=steady)
 
     # --- which scan is open -------------------------------------------------------------------
 
@@ -178,18 +183,20 @@ class Supervisor(Node):
         SupervisedProcess.stop_all(self._processes)
 
 
-def supervise(parameters: Path) -> int:
+def supervise(parameters: Path, ros_arguments: Sequence[str] = ()) -> int:
     """Runs the three nodes until SIGINT or SIGTERM; returns the exit code.
 
     Args:
         parameters: ROS parameter file for all three.
+        ros_arguments: further ones of all three and of the supervisor, as -r FROM:=TO.
 
     Raises:
         ConfigError: security is asked for and cannot be had.
     """
     check_security()
-    rclpy.init(args=[])  # the command's own words are not for ROS
-    node = Supervisor(parameters)
+    # The command's own words are not for ROS.
+    rclpy.init(args=["supervisor", "--ros-args", *ros_arguments])
+    node = Supervisor(parameters, ros_arguments)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:

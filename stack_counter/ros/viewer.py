@@ -22,8 +22,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 
 from stack_counter.bag.message_definitions import message_definition
-from stack_counter.config import NAMESPACE, CollectorConfig
+from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError, ConfigError
+from stack_counter.parameter_files import NAMESPACE
 from stack_counter.ros.player import message_type
 from stack_counter.ros.processes import shared_memory_environment
 from stack_counter.ros.qos import RELIABLE, profile_that_hears

@@ -21,6 +21,6 @@ class Segmenter(Protocol):
             stride: step between labelled pixels along rows and columns.
 
         Returns:
-            (h, w) uint8 label image of every `stride`-th pixel (0, 1, 2; 255 unknown).
+            (h, w) uint8 label image of every `stride`-th pixel (0, 1, 2; 254 unknown).
         """
         ...

@@ -14,7 +14,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ConfigError, ViewError
 from stack_counter.segmentation.prompted.segmenter import PromptedSegmenter
 from stack_counter.segmentation.prompts import PromptError, Prompts, read_prompts
-from stack_counter.types import View
+from stack_counter.types import UNLABELLED, UNSEEN, View
 
 _PROMPTED_KINDS = ("prompted", "sam2")
 
@@ -81,12 +81,13 @@ class ScanLabels:
                 except PromptError as error:
                     raise ViewError("bad_prompts", str(error)) from error
                 self._first = view
-        elif self._kind == "labels" and view.labels is None:
+        elif self._kind == "labels" and not _is_labelled(view):
             raise ViewError("no_labels", "the view has no label image; expected one")
         elif self._kind == "geometric" and view.depth is None:
             raise ViewError("no_depth", "the view has no depth image; expected one")
-        elif view.depth is None and view.labels is None:
-            raise ViewError("no_depth", "neither depth nor label image; expected one of them")
+        elif view.depth is None and not _is_labelled(view):
+            raise ViewError("no_depth", "neither depth nor label image; expected one of them, or "
+                                        "prompts")
 
     def label(self, views: list[View]) -> list[View]:
         """Returns the views with label images from the prompts; unchanged if there are none.
@@ -103,7 +104,20 @@ class ScanLabels:
         # ahead of all.
         ahead = [] if views[0].color is self._first.color else [self._first]
         labels = self._segmenter.segment_views([*ahead, *views], self._prompts)[len(ahead):]
-        return [replace(view, labels=image) for view, image in zip(views, labels)]
+        return [replace(view, labels=_without_unseen(image, view))
+                for view, image in zip(views, labels)]
+
+
+def _is_labelled(view: View) -> bool:
+    """Whether a view has labels, and not only pixels that are masked out."""
+    return view.labels is not None and not np.any(view.labels == UNLABELLED)
+
+
+def _without_unseen(labels: np.ndarray, view: View) -> np.ndarray:
+    """The (h, w) uint8 labels of a view, without those of pixels that it leaves out."""
+    if view.labels is None:
+        return labels
+    return np.where(view.labels == UNSEEN, np.uint8(UNSEEN), labels)
 
 
 def _load_sam2(config: ReconstructorConfig) -> ScanSegmenter:

@@ -9,7 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 BACKGROUND, CONTAINER, PARTS = 0, 1, 2  # the values of a label image
-UNSEEN = 255  # pixels that a rectified label image has and the camera had not
+# Pixels that count for nothing: the camera has not seen them, as at the edge of a rectified image,
+# or a mask leaves them out. No value of a black-and-white mask, which is no label image.
+UNSEEN = 254
+UNLABELLED = 253  # pixels whose label prompts will give; of a view whose other pixels are UNSEEN
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,8 @@ class View:
         T_world_camera: (4, 4) float64, camera in its optical frame (x right, y down, z forward).
         color: (h, w, 3) uint8 RGB, or None.
         depth: (h, w) float32, metres along optical z, 0 where invalid, or None.
-        labels: (h, w) uint8 label image (0 background, 1 container, 2 parts), or None.
+        labels: (h, w) uint8 label image (0 background, 1 container, 2 parts, 253 not labelled yet,
+            254 not seen or masked out), or None.
         camera: name of the optical frame.
         fixed: the camera cannot move (its pose comes from static transforms alone).
     """

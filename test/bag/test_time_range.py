@@ -21,7 +21,8 @@ from kits.recording_kit import (
 
 from stack_counter import geometry
 from stack_counter.bag import sampling
-from stack_counter.bag.bag_views import fit_rig_to_bag, read_views
+from stack_counter.bag.bag_views import read_views
+from stack_counter.bag.camera_topics import fit_rig_to_bag
 from stack_counter.bag.formats import mcap_file
 from stack_counter.bag.info import describe_bag
 from stack_counter.bag.reader import BagReader

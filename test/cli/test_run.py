@@ -8,6 +8,7 @@ import pytest
 import yaml
 from kits.command import run
 
+from stack_counter.cli.main import main
 from stack_counter.cli.run import parse_parameters, write_parameters
 from stack_counter.config import load_config
 from stack_counter.files import config_path
@@ -66,7 +67,27 @@ def test_the_words_of_a_command_are_not_for_ros(monkeypatch, module):
     monkeypatch.setattr(started.rclpy, "init", refuse)
     with pytest.raises(InterruptedError) as caught:
         if module == "supervisor":
-            started.supervise(config_path("stack_counter.yaml"))
+            started.supervise(config_path("stack_counter.yaml"), [])
         else:
             started.view([], "127.0.0.1", 0, print)
-    assert caught.value.args == ()
+    assert "mode:=scan" not in caught.value.args
+
+
+def test_a_file_may_name_nodes_as_it_likes_and_arguments_of_ros_go_to_all_nodes(
+        tmp_path, monkeypatch):
+    file = tmp_path / "p.yaml"
+    file.write_text("collector:\n  ros__parameters: {mode: cycle, use_sim_time: true}\n")
+    started = []
+
+    def supervise(path, ros_arguments):
+        started.append((yaml.safe_load(path.read_text()), ros_arguments))
+        return 0
+
+    monkeypatch.setattr("stack_counter.ros.supervisor.supervise", supervise)
+    assert main(["run", "--config", str(file), "part:=nut", "--ros-args", "-r", "/a:=/b"]) == 0
+    assert main(["run", "--config", str(file), "--ros-args", "-r", "__ns:=/cell1"]) == 0
+    (read, remaps), (elsewhere, _) = started
+    assert remaps == ["-r", "/a:=/b"]
+    assert read["/stack_counter/collector"]["ros__parameters"] == {
+        "mode": "cycle", "use_sim_time": True, "part": "nut"}
+    assert "/**/collector" in elsewhere, "the parameters go along into another namespace"

@@ -92,7 +92,8 @@ def test_regions_are_parameters_of_the_names_in_the_settings_file(tmp_path):
 """)
     with PrivateDomain() as domain:
         done = subprocess.run([sys.executable, "-c", TELLS_ITS_REGIONS, "--ros-args",
-                               "--params-file", str(settings), "-p", "live:=true"],
+                               "--params-file", str(settings), "-p", "live:=true",
+                               "-p", "voxelsize:=0.1", "-p", "part:=of_the_counter"],
                               capture_output=True, text=True, timeout=60,
                               env={**os.environ, **domain.environment})
     assert done.stdout.splitlines() == [
@@ -100,6 +101,8 @@ def test_regions_are_parameters_of_the_names_in_the_settings_file(tmp_path):
         "regions.left.size_m is read on configure; expected an unconfigured node: clean it up "
         "first", "True", "regions.left.size_m is [0.5, 0.0, 0.5]; expected three numbers above 0",
         "left 0.1 0.2 0.3 0.5 0.5 0.5", "5 True"], done.stderr
+    unknown = [line for line in done.stderr.splitlines() if "unknown parameter" in line]
+    assert len(unknown) == 1 and "'voxelsize'; expected 'voxel_size'" in unknown[0]
     said = [line for line in done.stderr.splitlines() if "changed from" in line]
     assert len(said) == 1, "the one change that was not refused"
     assert "parameter regions.left.size_m changed from" in said[0]

@@ -24,7 +24,7 @@ def clock(monkeypatch):
 class Starts(list):
     """Processes that were started in place of nodes; each ends when its code is set."""
 
-    def __call__(self, name, parameters, environment, output):
+    def __call__(self, name, parameters, environment, output, ros_arguments):
         process = SimpleNamespace(stdout=[], returncode=None, name=name)
         process.poll = lambda: process.returncode
         self.append(process)

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from stack_counter.errors import ViewError
+from stack_counter.types import BACKGROUND, CONTAINER, PARTS, UNLABELLED, UNSEEN
 
+_LABELS = (BACKGROUND, CONTAINER, PARTS, UNLABELLED, UNSEEN)
 # Encoding -> dtype and number of channels of its pixels.
 LAYOUTS: dict[str, tuple[type[np.generic], int]] = {
     "mono8": (np.uint8, 1), "mono16": (np.uint16, 1),
@@ -61,16 +63,16 @@ def image_to_array(message: Any) -> np.ndarray:
 
 
 def labels_to_array(message: Any) -> np.ndarray:
-    """Decodes a `mono8` image to an (h, w) uint8 label image of values 0, 1 and 2.
+    """Decodes a `mono8` image to an (h, w) uint8 label image, whose values `View` lists.
 
     Raises:
         ViewError: the encoding is none of labels (`bad_encoding`), size and bytes do not fit
-            (`bad_image`), or a value is above 2 (`bad_labels`).
+            (`bad_image`), or a value is none of a label (`bad_labels`).
     """
     if message.encoding not in ("mono8", "8UC1"):
         raise ViewError("bad_encoding", f"labels in '{message.encoding}'; expected mono8")
     labels = image_to_array(message)
-    if labels.max() > 2:
+    if not np.isin(labels, _LABELS).all():
         raise ViewError("bad_labels", f"label values {np.unique(labels)[:8].tolist()}; expected "
-                                      "0 background, 1 container, 2 parts")
+                                      "0 background, 1 container, 2 parts, 254 masked out")
     return labels
