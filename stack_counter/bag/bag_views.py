@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from stack_counter.bag.reader import BagReader
-from stack_counter.config import CollectorConfig
+from stack_counter.config import CollectorConfig, Config
 from stack_counter.errors import BagError
 from stack_counter.types import View
 from stack_counter.views.color_transport import (
@@ -24,6 +24,7 @@ from stack_counter.views.rig import Rig, load_rig
 from stack_counter.views.rig_assembler import RigAssembler
 
 LABELS_TOPIC = "/camera/labels"
+SCALE_TOPIC = "/camera/scale_std"  # relative standard deviation of all lengths in the poses
 _TF_TOPICS = ("/tf", "/tf_static")
 
 
@@ -63,6 +64,25 @@ class BagViews:
             if view is None:
                 return
             yield view
+
+
+def with_scale_of_bag(config: Config, reader: BagReader) -> Config:
+    """Settings that know how exact the scale of the poses is, where the bag says so.
+
+    Args:
+        config: settings, whose own `scale_std` holds if it is larger.
+        reader: of the bag.
+
+    Raises:
+        BagError: what the bag says is no share of a length.
+    """
+    for record in reader.records({SCALE_TOPIC}) if SCALE_TOPIC in reader.topics else ():
+        scale_std = float(record.decode().data)
+        if not 0 <= scale_std <= 0.3:
+            raise BagError(f"{SCALE_TOPIC} is {scale_std}; expected 0 to 0.3, a share of lengths")
+        own = config.reconstructor
+        return replace(config, reconstructor=replace(own, scale_std=max(own.scale_std, scale_std)))
+    return config
 
 
 def fit_camera_to_bag(config: CollectorConfig, topics: dict[str, tuple[str, int]]
