@@ -98,17 +98,18 @@ def _scale_of(reference: Reference, targets: Sequence[RigidTarget],
     Raises:
         BagError: none of its targets can be measured, or the scale is too uncertain.
     """
-    scales, errors = [], []
+    scales, size_stds, errors = [], [], []
     for target in targets:
         try:
             scales.append(_measure_target(target, cameras))
+            size_stds.append(target.size_std)
         except BagError as error:
             errors.append(str(error))
     if not scales:
         raise BagError(f"reference '{reference.text}': {errors[0]}")
     joined = _joined(scales)
     relative_std = math.hypot(joined.relative_std, SETTINGS.length_std_m / reference.length,
-                              SETTINGS.min_relative_std)
+                              SETTINGS.min_relative_std, float(np.mean(size_stds)))
     if relative_std > SETTINGS.max_relative_std:
         raise BagError(f"reference '{reference.text}' gives the scale within {relative_std:.1%}; "
                        f"expected {SETTINGS.max_relative_std:.0%}: take a longer one, and mark it "

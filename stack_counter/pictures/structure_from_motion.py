@@ -51,7 +51,7 @@ class MotionSettings:
     """
 
     max_side_px: int = 1600
-    max_features: int = 4096
+    max_features: int = 2048
     neighbors: int = 8
     whole_share: float = 0.9
     min_share: float = 0.6
@@ -182,7 +182,7 @@ class _Motion:
 
     def _add_camera(self, picture: Picture) -> int:
         focal = picture.focal_px or SETTINGS.default_focal * max(picture.width, picture.height)
-        camera = self._colmap.Camera.create_from_model_name(0, "RADIAL", focal, picture.width,
+        camera = self._colmap.Camera.create_from_model_name(0, "OPENCV", focal, picture.width,
                                                             picture.height)
         camera.has_prior_focal_length = picture.focal_px > 0
         with self._colmap.Database.open(self._database) as database:
@@ -220,8 +220,8 @@ class _Motion:
 def _camera(model: pycolmap.Reconstruction, image: pycolmap.Image) -> Camera:
     """A camera of COLMAP, whose pixel centres lie on halves, as one of ours."""
     camera = model.cameras[image.camera_id]
-    focal, cx, cy, k1, k2 = (float(value) for value in camera.params)
-    intrinsics = Intrinsics(camera.width, camera.height, focal, focal, cx - 0.5, cy - 0.5,
-                            "plumb_bob", (k1, k2, 0.0, 0.0, 0.0))
+    fx, fy, cx, cy, *distortion = (float(value) for value in camera.params)
+    intrinsics = Intrinsics(camera.width, camera.height, fx, fy, cx - 0.5, cy - 0.5, "plumb_bob",
+                            (*distortion, 0.0))
     T_camera_world = np.vstack([image.cam_from_world().matrix(), [0, 0, 0, 1]])
     return Camera(intrinsics, geometry.inverse(T_camera_world))

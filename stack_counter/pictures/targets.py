@@ -18,15 +18,21 @@ from stack_counter.progress import progress
 
 @dataclass(frozen=True)
 class TargetSettings:
-    """How exactly marks and markers are found; all are chosen.
+    """How exactly marks and markers are found.
 
     Attributes:
-        marked_std_px: standard deviation of a point that a person marks, pixels, at least.
-        found_std_px: standard deviation of a marker's corner that is detected, pixels, at least.
+        marked_std_px: standard deviation of a point that a person marks, pixels, at least; chosen.
+        found_std_px: standard deviation of a corner that is detected, pixels, at least; chosen.
+        inset_px: distance by which all corners of a marker are found too far inside, pixels:
+            0.10 to 0.15 on rendered markers with sides of 30 to 96 pixels, 0.27 at 15.
+        window: half the side of the window in which a marker's corner is refined, sides of a
+            marker's cells: on the same, 0.3 (OpenCV's own) doubles the distance.
     """
 
     marked_std_px: float = 1.0
     found_std_px: float = 0.3
+    inset_px: float = 0.15
+    window: float = 0.8
 
 
 SETTINGS = TargetSettings()
@@ -41,12 +47,14 @@ class RigidTarget:
         points: (n, 3) metres, in a frame of its own.
         marks: for each point, its pixel (x, y) by picture name.
         pixel_std: standard deviation of a mark, pixels, at least.
+        size_std: relative standard deviation of its size that all its marks share.
     """
 
     name: str
     points: np.ndarray
     marks: list[dict[str, tuple[float, float]]]
     pixel_std: float
+    size_std: float = 0.0
 
 
 def find_targets(reference: Reference, sizes: Mapping[str, tuple[int, int]],
@@ -101,6 +109,7 @@ def _marker_finder(reference: Markers) -> Callable[[np.ndarray], dict[int, np.nd
     """Gives what finds markers in a grey picture: corners (4, 2), pixels, by the marker's id."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    parameters.relativeCornerRefinmentWinSize = SETTINGS.window
     detector = cv2.aruco.ArucoDetector(_dictionary(reference.dictionary), parameters)
 
     def find(gray: np.ndarray) -> dict[int, np.ndarray]:
@@ -129,9 +138,15 @@ def _corner_finder(reference: Board) -> Callable[[np.ndarray], dict[int, np.ndar
 def _marker_targets(reference: Markers, seen: Mapping[int, Mapping[str, np.ndarray]]
                     ) -> list[RigidTarget]:
     square = reference.length * np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    return [RigidTarget(f"marker {number}", square, [
-        {name: _pixel(corners[i]) for name, corners in by_name.items()} for i in range(4)],
-        SETTINGS.found_std_px) for number, by_name in sorted(seen.items())]
+    targets = []
+    for number, by_name in sorted(seen.items()):
+        quads = np.array(list(by_name.values()))
+        reach = np.linalg.norm(quads - quads.mean(axis=1, keepdims=True), axis=-1).mean()
+        targets.append(RigidTarget(
+            f"marker {number}", square,
+            [{name: _pixel(corners[i]) for name, corners in by_name.items()} for i in range(4)],
+            SETTINGS.found_std_px, SETTINGS.inset_px / float(reach)))
+    return targets
 
 
 def _board_target(reference: Board, seen: Mapping[int, Mapping[str, np.ndarray]]
