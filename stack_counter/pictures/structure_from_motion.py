@@ -9,11 +9,14 @@ Structure-from-Motion Revisited" (2024).
 
 from __future__ import annotations
 
+import signal
 import tempfile
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
 
 import cv2
@@ -137,19 +140,31 @@ def _near_pairs(count: int) -> list[tuple[int, int]]:
             for i in range(count - step)]
 
 
+def _load_colmap() -> ModuleType:
+    """Loads pycolmap, quiet and with a fixed seed; what SIGTERM does stays as it was.
+
+    Raises:
+        ConfigError: it is missing.
+    """
+    on_sigterm = signal.getsignal(signal.SIGTERM)
+    try:
+        import pycolmap
+    except ImportError as error:
+        raise ConfigError("pictures without poses take pycolmap; expected "
+                          "pip install 'stack_counter[pictures]'") from error
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, on_sigterm)
+    pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
+    pycolmap.set_random_seed(0)
+    return pycolmap
+
+
 class _Motion:
     """COLMAP's files of one run: grey pictures, features and matches."""
 
     def __init__(self, folder: Path):
         """Raises ConfigError: pycolmap is missing."""
-        try:
-            import pycolmap
-        except ImportError as error:
-            raise ConfigError("pictures without poses take pycolmap; expected "
-                              "pip install 'stack_counter[pictures]'") from error
-        pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
-        pycolmap.set_random_seed(0)
-        self._colmap = pycolmap
+        self._colmap = _load_colmap()
         self._folder, self._database = folder, folder / "database.db"
         for name in ("gray", "models"):
             (folder / name).mkdir()
