@@ -40,9 +40,13 @@ class ImportSettings:
 
     Attributes:
         step_ns: time between two pictures, which need not have one of their own, ns; chosen.
+        min_distance_m, max_distance_m: between which the cameras must be from the scene in the
+            median, m; chosen: another one is a length in a wrong unit.
     """
 
     step_ns: int = 10**8
+    min_distance_m: float = 0.03
+    max_distance_m: float = 10.0
 
 
 SETTINGS = ImportSettings()
@@ -79,6 +83,7 @@ def import_pictures(folder: Path, out: Path, references: Sequence[str]) -> str:
     # 2. Poses and calibration, without scale; then the scale, and which way is up.
     posed = find_poses(pictures, read_gray)
     scale = measure_scale(targets, posed.cameras)
+    _check_distance(posed, scale)
     upright = find_upright_pose(posed.points, np.array(
         [camera.T_world_camera for camera in posed.cameras.values()]))
     # 3. The bag.
@@ -88,6 +93,17 @@ def import_pictures(folder: Path, out: Path, references: Sequence[str]) -> str:
     write_bag(out, views, jpegs=[read_jpeg(picture) for picture in registered],
               scale_std=scale.relative_std)
     return _describe(out, views, registered, posed, scale, upright)
+
+
+def _check_distance(posed: PosedPictures, scale: Scale) -> None:
+    """Raises BagError: the cameras are so near or far that a length must be in a wrong unit."""
+    centers = np.array([camera.T_world_camera[:3, 3] for camera in posed.cameras.values()])
+    distances = np.linalg.norm(centers - np.median(posed.points, axis=0), axis=1)
+    distance = scale.metres * float(np.median(distances))
+    if not SETTINGS.min_distance_m <= distance <= SETTINGS.max_distance_m:
+        raise BagError(f"by the references the pictures are taken from {distance:.3g} m; expected "
+                       f"{SETTINGS.min_distance_m} to {SETTINGS.max_distance_m:g} m: give their "
+                       "lengths in metres")
 
 
 def _make_view(picture: Picture, camera: Camera, scale: Scale, upright: UprightPose,

@@ -14,8 +14,10 @@ from stack_counter.bag.reader import BagReader
 from stack_counter.bag.replay import read_scan
 from stack_counter.config import Config
 from stack_counter.errors import BagError
-from stack_counter.pictures.import_pictures import import_pictures
-from stack_counter.types import CONTAINER, PARTS
+from stack_counter.pictures.import_pictures import _check_distance, import_pictures
+from stack_counter.pictures.scale import Scale
+from stack_counter.pictures.structure_from_motion import Camera, PosedPictures
+from stack_counter.types import CONTAINER, PARTS, Intrinsics
 
 A, B = np.array([-0.15, 0.1, 0.0]), np.array([0.15, -0.1, 0.0])
 LARGE, TURNED = 1, 2  # numbers of the pictures that are larger, or stored turned
@@ -97,3 +99,13 @@ def test_pictures_that_show_nothing_in_common_are_refused(tmp_path):
         import_pictures(tmp_path, tmp_path / "out",
                         ["n0.png:5,5 n1.png:5,5 to n0.png:90,5 n1.png:90,5 = 0.3"])
     assert not (tmp_path / "out").exists()
+
+
+def test_a_length_in_another_unit_is_noticed():
+    seen = {f"p{i}": Camera(Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5),
+                            geometry.look_at(np.array([1.0, i, 1]), np.zeros(3)))
+            for i in range(3)}
+    posed = PosedPictures(seen, np.zeros((5, 3)), [])
+    _check_distance(posed, Scale(0.5, 0.01))
+    with pytest.raises(BagError, match="taken from 866 m; expected 0.03 to 10 m"):
+        _check_distance(posed, Scale(500.0, 0.01))
