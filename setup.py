@@ -77,7 +77,7 @@ EXTRAS = {
     # Live topics in the Foxglove app (no key).
     "view": ["foxglove-sdk>=0.30.3"],
     # Pictures without poses: structure from motion, EXIF and HEIC (no keys but pillow's).
-    "pictures": ["pycolmap>=4.2.1", "pillow>=13", "pillow-heif>=1.8.1"],
+    "pictures": ["pycolmap>=4.2.1", "pillow>=12.3", "pillow-heif>=1.8.1"],
     # STEP files of parts (no key).
     "cad": ["cascadio>=0.1.1"],
     "test": [

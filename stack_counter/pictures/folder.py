@@ -7,6 +7,7 @@ import io
 import logging
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -160,7 +161,7 @@ def _describe_picture(folder: Path, path: Path) -> Picture:
                    labels if labels.is_file() else None)
 
 
-def _open(path: Path):  # type: ignore[no-untyped-def] # the library is loaded here
+def _open(path: Path) -> Any:
     """Opens a picture with Pillow; HEIC by its plug-in.
 
     Raises:
