@@ -76,6 +76,8 @@ EXTRAS = {
     "robot": ["yourdfpy>=0.0.60"],
     # Live topics in the Foxglove app (no key).
     "view": ["foxglove-sdk>=0.30.3"],
+    # Pictures without poses: structure from motion, EXIF and HEIC (no keys but pillow's).
+    "pictures": ["pycolmap>=4.2.1", "pillow>=12.3", "pillow-heif>=1.8.1"],
     # STEP files of parts (no key).
     "cad": ["cascadio>=0.1.1"],
     "test": [

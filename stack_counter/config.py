@@ -141,6 +141,8 @@ class ReconstructorConfig:
                                                  "support plane, m; .nan: measured")
     hull_min_share: float = _setting(0.5, "share of the views that must see a voxel for it to "
                                           "stand, when there is no depth", 0.0, 1.0)
+    scale_std: float = _setting(0.0, "relative standard deviation of all lengths in the poses, as "
+                                     "of pictures scaled by a reference; adds to V's", 0.0, 0.3)
     report_folder: str = _setting("", "folder into which the service write_report writes; empty: "
                                       "it does not")
 

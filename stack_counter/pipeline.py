@@ -8,6 +8,7 @@ Source: paper, section 3: count = gamma * V / v.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from dataclasses import replace
@@ -113,7 +114,10 @@ class StackCounter:
             with self._stages("segment"):
                 key_view = self._scan.key_view()  # 6. What the network may read.
         self.coverage = volume.coverage
-        return replace(volume, key_view=key_view, views=self.tally, seconds=self._stages.seconds)
+        # An error of the poses' scale is one of all three sides of V.
+        scale_std = 3 * self._config.scale_std * volume.stack_volume
+        return replace(volume, stack_volume_std=math.hypot(volume.stack_volume_std, scale_std),
+                       key_view=key_view, views=self.tally, seconds=self._stages.seconds)
 
     def count(self, part: Part, estimator: OccupancyEstimator, confidence: float) -> StackCount:
         """Counts the parts that the views so far have shown.

@@ -139,6 +139,20 @@ def test_a_distorting_lens_gives_the_same_volume():
     assert stack.volume().stack_volume == pytest.approx(truth, rel=0.05)
 
 
+def test_an_unsure_scale_of_the_poses_widens_the_volume_by_three_times_as_much():
+    def measured(scale_std):
+        stack = StackCounter(ReconstructorConfig(scale_std=scale_std))
+        for view in Scene().box([0, 0, 0.05], (0.1, 0.1, 0.1)).views(4):
+            stack.add_view(replace(view, depth=None, labels=np.where(
+                geometry.world_points(view)[..., 2] > 1e-4, PARTS, 0).astype(np.uint8)))
+        return stack.volume()
+
+    sure, unsure = measured(0.0), measured(0.02)
+    assert unsure.stack_volume == sure.stack_volume
+    assert unsure.stack_volume_std**2 - sure.stack_volume_std**2 == pytest.approx(
+        (0.06 * sure.stack_volume)**2)
+
+
 def test_live_counts_from_the_first_view():
     stack = StackCounter(ReconstructorConfig(live=True))
     stack.add_view(bin_scene().views(1, tilts=(5,))[0])

@@ -5,17 +5,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from stack_counter.bag.camera_topics import fit_rig_to_bag, missing_depth_line, topic_notes
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
-from stack_counter.config import CollectorConfig
+from stack_counter.config import CollectorConfig, Config
 from stack_counter.errors import BagError
 from stack_counter.types import View
 from stack_counter.views.rig import load_rig
 from stack_counter.views.rig_assembler import RigAssembler
 
+SCALE_TOPIC = "/camera/scale_std"  # relative standard deviation of all lengths in the poses
 _TF_TOPICS = ("/tf", "/tf_static")
 
 
@@ -68,6 +70,25 @@ class BagViews:
             if view is None:
                 return
             yield view
+
+
+def with_scale_of_bag(config: Config, reader: BagReader) -> Config:
+    """Settings that know how exact the scale of the poses is, where the bag says so.
+
+    Args:
+        config: settings, whose own `scale_std` holds if it is larger.
+        reader: of the bag.
+
+    Raises:
+        BagError: what the bag says is no share of a length.
+    """
+    for record in reader.records({SCALE_TOPIC}) if SCALE_TOPIC in reader.topics else ():
+        scale_std = float(record.decode().data)
+        if not 0 <= scale_std <= 0.3:
+            raise BagError(f"{SCALE_TOPIC} is {scale_std}; expected 0 to 0.3, a share of lengths")
+        own = config.reconstructor
+        return replace(config, reconstructor=replace(own, scale_std=max(own.scale_std, scale_std)))
+    return config
 
 
 def subscribed_topics(assembler: RigAssembler) -> list[str]:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from stack_counter.bag.bag_views import BagViews
+from stack_counter.bag.bag_views import BagViews, with_scale_of_bag
 from stack_counter.bag.feeding import feed_cycles, feed_scan
 from stack_counter.bag.replayed import (
     Replayed,
@@ -110,10 +110,11 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
     """
     # Load weights and settings.
     begin = time.perf_counter() if begin is None else begin
+    bag = BagViews(path, config.collector, time_range)
+    config = with_scale_of_bag(config, bag.reader)
     settings = _CountSettings(part, make_estimator(config.counter), config.counter.confidence)
     counters = RegionCounters(config.reconstructor, part.unit_volume)
     loaded = time.perf_counter()
-    bag = BagViews(path, config.collector, time_range)
     # Count, and add where the time went.
     results = _replay_cycles(bag, counters, settings, on_view) \
         if config.collector.mode == "cycle" \
@@ -193,8 +194,9 @@ def measure_bag(path: Path, config: Config, unit_volume: float = 0.0,
         ScanError: the bag gives no volume; in cycle mode: more than one.
         ConfigError, WeightsError: the settings, or files that they name, cannot be used.
     """
-    stack = StackCounter(config.reconstructor, unit_volume)
     bag = BagViews(path, config.collector, time_range)
+    config = with_scale_of_bag(config, bag.reader)
+    stack = StackCounter(config.reconstructor, unit_volume)
     if config.collector.mode == "cycle":
         volumes = []
         for cycle in feed_cycles(stack, bag, unit_volume, on_view):

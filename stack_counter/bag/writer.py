@@ -23,6 +23,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 
 from stack_counter import geometry
+from stack_counter.bag.bag_views import SCALE_TOPIC
 from stack_counter.errors import BagError
 from stack_counter.types import Intrinsics, View
 
@@ -33,6 +34,8 @@ _TYPES = _STORE.types
 _FOREVER = QosTime(9223372036, 854775807)
 _LATCHED = Qos(QosHistory.KEEP_LAST, 100, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL,
                _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
+
+_LATCHED_TOPICS = ("/tf_static", SCALE_TOPIC)
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,8 @@ class _Message(NamedTuple):
 
 def write_bag(path: Path, views: Iterable[View], transforms: Sequence[Transform] | None = None,
               world_frame: str = "base_link", jpegs: Iterable[bytes] | None = None,
-              static: Sequence[Transform] = (), compressed: bool = True) -> int:
+              static: Sequence[Transform] = (), compressed: bool = True,
+              scale_std: float = 0.0) -> int:
     """Writes one camera's views.
 
     Args:
@@ -90,6 +94,7 @@ def write_bag(path: Path, views: Iterable[View], transforms: Sequence[Transform]
         jpegs: colour image of every view, written as it is instead of the views' own.
         static: transforms of /tf_static.
         compressed: whether colour is written as JPEG rather than raw.
+        scale_std: relative standard deviation of all lengths in the poses; written if not 0.
 
     Returns:
         Number of views.
@@ -117,6 +122,10 @@ def write_bag(path: Path, views: Iterable[View], transforms: Sequence[Transform]
             messages += [_tf_message(view.stamp_ns + step * SETTINGS.tf_step_ns, world_frame,
                                      view.camera, view.T_world_camera) for step in (-1, 0, 1)]
     messages += [_tf_message(*transform) for transform in transforms or ()]
+    if scale_std and messages:
+        first_ns = min(message.log_time_ns for message in messages)
+        messages.append(_Message(first_ns, SCALE_TOPIC, "std_msgs/msg/Float64",
+                                 _TYPES["std_msgs/msg/Float64"](data=scale_std)))
     _write_messages(path, messages)
     return count
 
@@ -155,7 +164,7 @@ def _write_messages(path: Path, messages: list[_Message]) -> None:
             if topic not in connections:
                 connections[topic] = writer.add_connection(
                     topic, kind, typestore=_STORE,
-                    offered_qos_profiles=[_LATCHED] if topic == "/tf_static" else [])
+                    offered_qos_profiles=[_LATCHED] if topic in _LATCHED_TOPICS else [])
             writer.write(connections[topic], log_time_ns, _STORE.serialize_cdr(message, kind))
 
 

@@ -21,6 +21,7 @@ from pathlib import Path
 from stack_counter import __version__
 from stack_counter.cli.common import add_time_arguments, chosen_time_range
 from stack_counter.cli.containers import add_container
+from stack_counter.cli.import_scene import add_import
 from stack_counter.cli.parts import add_part
 from stack_counter.cli.play import add_play
 from stack_counter.cli.replay import add_replay
@@ -97,7 +98,7 @@ def _make_parser() -> argparse.ArgumentParser:
     add_run(commands)
     add_view(commands)
     add_play(commands)
-    _add_import(commands)
+    add_import(commands)
     _add_info(commands)
     add_container(commands)
     add_part(commands)
@@ -119,25 +120,11 @@ def _run_module(module: str, options: argparse.Namespace) -> int:
     return import_module(module).run(options)
 
 
-def _add_import(commands: argparse._SubParsersAction) -> None:
-    importer = commands.add_parser("import", help="nerfstudio folder to bag")
-    importer.add_argument("scene", type=Path, help="folder with transforms.json")
-    importer.add_argument("out", type=Path, help="bag to write (a new folder)")
-    importer.set_defaults(run=_import)
-
-
 def _add_info(commands: argparse._SubParsersAction) -> None:
     info = commands.add_parser("info", help="topics, frames, views and problems of a bag")
     info.add_argument("bag", type=Path)
     add_time_arguments(info)
     info.set_defaults(run=_info)
-
-
-def _import(options: argparse.Namespace) -> int:
-    from stack_counter.bag.nerfstudio import import_scene
-
-    print(import_scene(options.scene, options.out))
-    return 0
 
 
 def _info(options: argparse.Namespace) -> int:

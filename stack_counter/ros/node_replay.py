@@ -17,7 +17,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from stack_counter_msgs.msg import StackCount as StackCountMsg
 from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
 
-from stack_counter.bag.bag_views import subscribed_topics
+from stack_counter.bag.bag_views import subscribed_topics, with_scale_of_bag
 from stack_counter.bag.camera_topics import fit_rig_to_bag, topic_notes
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.replayed import (
@@ -87,6 +87,7 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     domain = PrivateDomain()
     os.environ.update(domain.environment)  # read by the DDS library when the context starts
     reader = BagReader(path, time_range)
+    config = with_scale_of_bag(config, reader)
     rig = fit_rig_to_bag(load_rig(config.collector), reader.topics)
     nodes = NodeProcesses(
         replace(config, collector=_fit_collector(config.collector, rig, reader)),

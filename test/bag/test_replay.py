@@ -34,6 +34,19 @@ def test_volume_and_views_of_a_bag(tmp_path):
         measure_bag(few, CONFIG)
 
 
+def test_the_scale_of_a_bag_goes_into_volume_and_interval(tmp_path):
+    sure, unsure = bag(tmp_path), bag(tmp_path, name="unsure", scale_std=0.05)
+    volumes = [measure_bag(path, CONFIG) for path in (sure, unsure)]
+    counts = [count_bag(path, unit_volume=1e-5, config=CONFIG) for path in (sure, unsure)]
+    for before, after in (volumes, [count.volume for count in counts]):
+        assert after.stack_volume == before.stack_volume
+        assert after.stack_volume_std**2 - before.stack_volume_std**2 == pytest.approx(
+            (0.15 * before.stack_volume)**2)
+    assert counts[0].count == counts[1].count
+    (low, high), (lower, higher) = (count.count_interval for count in counts)
+    assert lower < low and high < higher
+
+
 def by_both_transports(path):
     """A bag with six raw colour images, and the first four of them compressed."""
     said = records(scan())

@@ -25,11 +25,11 @@ from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
 
 from stack_counter import geometry
-from stack_counter.bag.bag_views import read_views
+from stack_counter.bag.bag_views import read_views, with_scale_of_bag
 from stack_counter.bag.camera_topics import fit_camera_to_bag, fit_rig_to_bag
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.writer import write_bag
-from stack_counter.config import CollectorConfig
+from stack_counter.config import CollectorConfig, Config, ReconstructorConfig
 from stack_counter.errors import BagError
 from stack_counter.types import Intrinsics
 from stack_counter.views.rig import load_rig
@@ -193,3 +193,17 @@ def test_topics_that_the_bag_lacks(tmp_path):
     fitted = fit_camera_to_bag(CollectorConfig(), BagReader(tmp_path / "labels").topics)
     assert (fitted.depth_topic, fitted.labels_topic, fitted.color_transport) \
         == ("", LABELS, "compressed")
+
+
+def test_the_scale_of_the_poses_is_read_back_and_checked(tmp_path):
+    write_bag(tmp_path / "sure", scan())
+    write_bag(tmp_path / "unsure", scan(), scale_std=0.01)
+    write_bag(tmp_path / "wrong", scan(), scale_std=float("nan"))
+    config = Config(reconstructor=ReconstructorConfig(scale_std=0.004))
+
+    def scale_std(name):
+        return with_scale_of_bag(config, BagReader(tmp_path / name)).reconstructor.scale_std
+
+    assert scale_std("sure") == 0.004 and scale_std("unsure") == 0.01
+    with pytest.raises(BagError, match="/camera/scale_std is nan; expected 0 to 0.3"):
+        scale_std("wrong")

@@ -23,6 +23,17 @@ def test_info_and_import(tmp_path, capsys):
     assert code == 3 and "no transforms.json" in err
 
 
+def test_import_of_pictures_without_poses_takes_a_reference(tmp_path, capsys):
+    (tmp_path / "a.jpg").write_bytes(b"")
+    code, _, err = run(capsys, "import", tmp_path, tmp_path / "out")
+    assert code == 2 and "1 pictures and no transforms.json; expected --reference" in err
+    code, _, err = run(capsys, "import", tmp_path, tmp_path / "out", "--reference", "aruco = 1")
+    assert code == 2 and "expected 'A.jpg:x,y B.jpg:x,y to" in err
+    (tmp_path / "transforms.json").write_text("{}")
+    code, _, err = run(capsys, "import", tmp_path, tmp_path / "out", "--reference", "aruco = 1")
+    assert code == 2 and "has poses in transforms.json" in err
+
+
 @pytest.mark.parametrize("arguments", [[], ["no_such"], ["part"], ["evaluate", "no_such"],
                                        ["simulate", "--scenes", "0"], ["replay"]])
 def test_a_wrong_command_line_exits_2(capsys, arguments):
