@@ -21,6 +21,7 @@ from pathlib import Path
 from stack_counter import __version__
 from stack_counter.cli.common import add_time_arguments, chosen_time_range
 from stack_counter.cli.containers import add_container
+from stack_counter.cli.doctor import add_doctor
 from stack_counter.cli.import_scene import add_import
 from stack_counter.cli.parts import add_part
 from stack_counter.cli.play import add_play
@@ -100,6 +101,7 @@ def _make_parser() -> argparse.ArgumentParser:
     add_play(commands)
     add_import(commands)
     _add_info(commands)
+    add_doctor(commands)
     add_container(commands)
     add_part(commands)
     add_simulate(commands)

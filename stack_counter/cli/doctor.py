@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `stack-counter doctor`: why nothing comes, of a bag or of the live graph."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from stack_counter.cli.common import add_config_argument, require_bag
+from stack_counter.config import load_config
+from stack_counter.files import config_path
+
+_NO_COUNT = 3
+
+
+def add_doctor(commands: argparse._SubParsersAction) -> None:
+    """Adds `doctor` to the commands of the command line."""
+    doctor = commands.add_parser("doctor", help="why nothing comes, and what to change")
+    doctor.add_argument("bag", type=Path, nargs="?",
+                        help="a recording; without one, what is published now is looked at")
+    add_config_argument(doctor)
+    doctor.set_defaults(run=_doctor)
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    """Prints what came and what to change; 3 where something stops a count."""
+    from stack_counter.views.checkup.findings import advice_lines, stops_count
+
+    config = load_config(options.config or config_path("stack_counter.yaml"))
+    if options.bag is None:
+        from stack_counter.ros.doctor import examine_graph
+
+        lines, findings = examine_graph(config)
+    else:
+        from stack_counter.bag.doctor import examine_bag
+
+        lines, findings = examine_bag(require_bag(options.bag), config)
+    print("\n".join([*lines, *advice_lines(findings)]))
+    return _NO_COUNT if stops_count(findings) else 0
