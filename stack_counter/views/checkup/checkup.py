@@ -85,7 +85,7 @@ class Checkup:
         self._looked_ns[topic] = stamp
         try:
             if stream.content == "color":
-                self.pictures.add_color(decoding.color_to_array(message), config.min_sharpness)
+                self.pictures.add_color(decoding.color_to_array(message))
             elif stream.content == "depth":
                 self.pictures.add_depth(decoding.depth_to_metres(message, config.depth_scale))
         except ViewError as error:

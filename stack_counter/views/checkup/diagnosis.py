@@ -20,7 +20,7 @@ class DiagnosisSettings:
     Attributes:
         skipped_share: share of the images that are skipped for one reason.
         valid_share: smallest share of valid depth.
-        sharp_share: smallest share of sharp tiles of a picture; a picture of a bare table has few.
+        sharp_share: smallest share of sharp tiles of those that show something.
         likely_m: distances of a bin from a camera, metres.
         units_m: units in which drivers send depth, metres.
         clocks_s: largest difference of two clocks, seconds: what TF may be late.
@@ -28,7 +28,7 @@ class DiagnosisSettings:
 
     skipped_share: float = 0.1
     valid_share: float = 0.3
-    sharp_share: float = 0.1
+    sharp_share: float = 0.3
     likely_m: tuple[float, float] = (0.15, 3.0)
     units_m: tuple[float, ...] = (1.0, 0.001, 0.0001)
     clocks_s: float = 0.5
@@ -190,8 +190,8 @@ def _picture_findings(check: Checkup, few: bool) -> list[Finding]:
             "projector on, and keep sun and glossy surfaces out"))
     if p.sharp and median(p.sharp) < SETTINGS.sharp_share and "blurred" not in reasons:
         findings.append(Finding(
-            Severity.HARMS, f"{median(p.sharp):.0%} of the picture is sharp; expected "
-            f"{SETTINGS.sharp_share:.0%} or more", _REMEDIES["blurred"]))
+            Severity.HARMS, f"the pictures are blurred, {median(p.sharp):.0%} of what they show is "
+            f"sharp; expected {SETTINGS.sharp_share:.0%} or more", _REMEDIES["blurred"]))
     return findings
 
 

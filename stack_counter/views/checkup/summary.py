@@ -35,8 +35,8 @@ def summary_lines(check: Checkup, seconds: float, count: Callable[[Stream], int]
         lines.append(f"depth    {median(p.valid):.0%} valid, median {median(p.distances):.3g} m "
                      f"({unit}), in {len(p.valid)} pictures")
     if p.sharp:
-        lines.append(f"sharp    {median(p.sharp):.0%} of the picture, variance of the Laplacian "
-                     f"{median(p.sharpness):.3g} (min_sharpness {camera.config.min_sharpness:g})")
+        lines.append(f"sharp    {median(p.sharp):.0%} of what the picture shows, in "
+                     f"{len(p.sharp)} pictures")
     tally = check.assembler.tally
     return [*lines, f"views    {tally.used} usable of {tally.received}" + "".join(
         f", {n} {reason}" for reason, n in tally.skipped.items())]
