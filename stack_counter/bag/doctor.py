@@ -81,11 +81,12 @@ def camera_finding(topics: dict[str, tuple[str, int]], error: BagError) -> Findi
     """
     kinds = [kind for kind, _ in topics.values()]
     if not any("Image" in kind for kind in kinds):
-        return Finding(Severity.STOPS, str(error), "record the camera's images and calibrations")
+        return Finding(Severity.STOPS, str(error),
+                       "have the camera's driver publish images and calibrations, and record them")
     if _CAMERA_INFO not in kinds:
         return Finding(Severity.STOPS, f"no camera_info: {error}",
-                       "record the camera's camera_info beside its images, and set color_topic "
-                       "and camera_info_topic")
+                       "have the driver publish camera_info beside its images, record it, and set "
+                       "color_topic and camera_info_topic")
     return Finding(Severity.STOPS, str(error))
 
 

@@ -58,7 +58,8 @@ def depth_image(make, topic=DEPTH, frame=FRAME, late_ns=0, views=None):
 
 def depth_of_own_camera():
     """Depth of another camera of which nothing says where it is."""
-    static = tf_record(10**9, pose(np.eye(3), np.array([0.1, 0, 0])), "tool", "flange", "/tf_static")
+    beside = pose(np.eye(3), np.array([0.1, 0, 0]))
+    static = tf_record(10**9, beside, "tool", "flange", "/tf_static")
     own = replace(scan()[0].intrinsics, fx=100.0, fy=100.0)
     return [*depth_image(lambda v: (depth_mm(v), "16UC1"), OWN_DEPTH, "camera_depth"), static,
             *((v.stamp_ns, "/camera/depth/camera_info", CAMERA_INFO,
@@ -102,7 +103,7 @@ BROKEN = {
     "float depth in millimetres": (lambda: depth_image(
         lambda v: (depth_mm(v).astype(np.float32), "32FC1")), "depth_scale"),
     "depth in tenths of a millimetre": (lambda: depth_image(
-        lambda v: (np.round(v.depth * 10000).astype(np.uint16), "16UC1")), "depth_scale to 0.0001"),
+        lambda v: (np.round(v.depth * 10000).astype(np.uint16), "16UC1")), "to 0.0001"),
     "root named differently": (lambda: world_named("world"), "set world_frame to 'world'"),
     "gaps in TF": (tf_with_gaps, "tf_max_gap_s"),
     "no TF": (lambda: without("/tf"), "no_tf"),

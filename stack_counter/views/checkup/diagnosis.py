@@ -37,7 +37,7 @@ class DiagnosisSettings:
 SETTINGS = DiagnosisSettings()
 # What is done about images that are skipped; where nothing stands the error itself says it.
 _REMEDIES = {
-    "no_camera_info": "record the camera's camera_info beside its images, or set "
+    "no_camera_info": "have the driver publish camera_info beside its images, record it, or set "
                       "camera_info_topic",
     "bad_intrinsics": "calibrate the camera, and have its driver send the result",
     "size_mismatch": "have the driver send the calibration of this resolution",
@@ -190,8 +190,8 @@ def _picture_findings(check: Checkup, few: bool) -> list[Finding]:
             "projector on, and keep sun and glossy surfaces out"))
     if p.sharp and median(p.sharp) < SETTINGS.sharp_share and "blurred" not in reasons:
         findings.append(Finding(
-            Severity.HARMS, f"the pictures are blurred, {median(p.sharp):.0%} of what they show is "
-            f"sharp; expected {SETTINGS.sharp_share:.0%} or more", _REMEDIES["blurred"]))
+            Severity.HARMS, f"the pictures are blurred, {median(p.sharp):.0%} of what they show "
+            f"is sharp; expected {SETTINGS.sharp_share:.0%} or more", _REMEDIES["blurred"]))
     return findings
 
 
