@@ -48,20 +48,23 @@ def check_bag(reader: BagReader, assembler: RigAssembler) -> tuple[Checkup, list
     return check, parts
 
 
-def bag_findings(reader: BagReader, check: Checkup, config: Config) -> list[Finding]:
+def bag_findings(reader: BagReader, check: Checkup, config: Config, parts: list[TimeRange]
+                 ) -> list[Finding]:
     """What keeps a bag from being counted, the cause first among equals.
 
     Args:
         reader: of the bag.
         check: of all of it, or of parts.
         config: the settings.
+        parts: that were read.
     """
     rig, collector = check.assembler.rig, config.collector
     left_out = [note for note in topic_notes(collector, rig, reader.topics)
                 if note.startswith("depth ")] \
         or [line for line in (missing_depth_line(collector, rig, reader.topics),) if line]
-    findings = diagnose(check, config.reconstructor.min_views, bool(config.reconstructor.prompts),
-                        " ".join(left_out))
+    # Of a long bag some images are seen, and it has many more.
+    min_views = config.reconstructor.min_views if len(parts) == 1 else 1
+    findings = diagnose(check, min_views, bool(config.reconstructor.prompts), " ".join(left_out))
     return [*_truncated(reader, any(f.severity == Severity.STOPS for f in findings)), *findings]
 
 
@@ -119,4 +122,4 @@ def examine_bag(path: Path, config: Config, time_range: TimeRange = WHOLE_BAG
         stream.topic, ("", 0))[1])
     lines += [f"note     {note}" for note in (
         *topic_notes(config.collector, rig, reader.topics), *check.assembler.notes)]
-    return lines, bag_findings(reader, check, config)
+    return lines, bag_findings(reader, check, config, parts)

@@ -6,31 +6,36 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from stack_counter.bag.bag_views import read_views
-from stack_counter.bag.camera_topics import fit_rig_to_bag, missing_depth_line, topic_notes
+from stack_counter.bag.camera_topics import fit_rig_to_bag, topic_notes
+from stack_counter.bag.doctor import bag_findings, check_bag
 from stack_counter.bag.reader import BagReader
-from stack_counter.bag.sampling import sampled_parts
 from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
-from stack_counter.config import CollectorConfig
+from stack_counter.config import CollectorConfig, Config
 from stack_counter.errors import BagError
 from stack_counter.types import View, ViewTally
+from stack_counter.views.checkup.findings import cause_first, stops_count
 from stack_counter.views.rig import load_rig
 from stack_counter.views.rig_assembler import RigAssembler
 
 
-def describe_bag(path: Path, config: CollectorConfig, time_range: TimeRange = WHOLE_BAG) -> str:
+def describe_bag(path: Path, config: Config, time_range: TimeRange = WHOLE_BAG
+                 ) -> tuple[str, bool]:
     """Describes topics, frames, views and problems, one a line.
 
     Of a long recording only parts are looked at, evenly spread over its images.
 
     Args:
         path: rosbag2 folder, or a file of a recording.
-        config: settings of the cameras.
+        config: the settings.
         time_range: the part of the bag whose images are looked at.
+
+    Returns:
+        The text, and whether one of the problems stops a count.
 
     Raises:
         FileNotFoundError: there is no such path.
         BagError: the bag cannot be read.
+        ConfigError: the rig file cannot be used.
     """
     reader = BagReader(path, time_range)
     lines = [_describe_extent(reader), "topics"]
@@ -38,26 +43,19 @@ def describe_bag(path: Path, config: CollectorConfig, time_range: TimeRange = WH
     lines += [f"recorded {key}: {value}" for key, value in reader.facts.items()]
     # Read the views, if there are images.
     try:
-        rig = fit_rig_to_bag(load_rig(config), reader.topics)
+        rig = fit_rig_to_bag(load_rig(config.collector), reader.topics)
     except BagError as error:
-        return "\n".join([*lines, "problems", f"  {error}"])
-    assembler = RigAssembler(rig, live=False)
-    parts = sampled_parts(reader, set(assembler.color_topics()))
-    first, last = None, None
-    for part in parts:
-        for _, view in read_views(reader.part(part), assembler):
-            first, last = first or view, view
+        return "\n".join([*lines, "problems", f"  {error}"]), True
+    check, parts = check_bag(reader, RigAssembler(rig, live=False))
     # Describe them, and name what is wrong.
-    fitted = rig.cameras[0].config
-    lines += [f"note     {note}" for note in (*topic_notes(config, rig, reader.topics),
-                                              *assembler.notes)]
-    lines += [_describe_tally(assembler.tally, parts)]
-    lines += _describe_views(first, last, fitted, config.world_frame)
-    problems = (["the bag is cut short"] if reader.truncated else []) + assembler.last_errors
-    if not fitted.depth_topic and not fitted.labels_topic:
-        problems.append("neither depth nor labels: nothing to carve with")
-        problems += filter(None, [missing_depth_line(config, rig, reader.topics)])
-    return "\n".join(lines + (["problems"] + [f"  {p}" for p in problems] if problems else []))
+    lines += [f"note     {note}" for note in (
+        *topic_notes(config.collector, rig, reader.topics), *check.assembler.notes)]
+    lines += [_describe_tally(check.assembler.tally, parts)]
+    lines += _describe_views(check.first, check.last, rig.cameras[0].config,
+                             config.collector.world_frame)
+    findings = cause_first(bag_findings(reader, check, config, parts))
+    problems = ["problems", *(f"  {finding}" for finding in findings)] if findings else []
+    return "\n".join(lines + problems), stops_count(findings)
 
 
 def _describe_extent(reader: BagReader) -> str:

@@ -19,7 +19,7 @@ from importlib import import_module
 from pathlib import Path
 
 from stack_counter import __version__
-from stack_counter.cli.common import add_time_arguments, chosen_time_range
+from stack_counter.cli.common import add_config_argument, add_time_arguments, chosen_time_range
 from stack_counter.cli.containers import add_container
 from stack_counter.cli.doctor import add_doctor
 from stack_counter.cli.import_scene import add_import
@@ -125,6 +125,7 @@ def _run_module(module: str, options: argparse.Namespace) -> int:
 def _add_info(commands: argparse._SubParsersAction) -> None:
     info = commands.add_parser("info", help="topics, frames, views and problems of a bag")
     info.add_argument("bag", type=Path)
+    add_config_argument(info)
     add_time_arguments(info)
     info.set_defaults(run=_info)
 
@@ -132,9 +133,11 @@ def _add_info(commands: argparse._SubParsersAction) -> None:
 def _info(options: argparse.Namespace) -> int:
     from stack_counter.bag.info import describe_bag
 
-    print(describe_bag(options.bag, load_config(config_path("stack_counter.yaml")).collector,
-                       chosen_time_range(options)))
-    return 0
+    text, stops = describe_bag(options.bag,
+                               load_config(options.config or config_path("stack_counter.yaml")),
+                               chosen_time_range(options))
+    print(text)
+    return _NO_COUNT if stops else 0
 
 
 if __name__ == "__main__":

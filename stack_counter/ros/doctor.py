@@ -159,8 +159,7 @@ class GraphDoctor:
         self.node.create_subscription(kind, topic, take, profile_that_hears(profiles), raw=True)
 
     def _qos_findings(self, check: Checkup, config: CollectorConfig) -> list[Finding]:
-        """Who does not hear the cameras and TF; the collector, where it does not run, as it would.
-        """
+        """Who does not hear the cameras and TF; without a collector, one of these settings."""
         findings: list[Finding] = []
         for topic in check.topics:
             publishers, subscribers = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with a live graph itself: who does not hear whom, nodes that do nothing, clocks."""
+"""What is wrong with a live graph itself: quality of service, nodes that do nothing, clocks."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ from stack_counter.bag.camera_topics import (
     topic_notes,
 )
 from stack_counter.bag.info import describe_bag
-from stack_counter.config import CollectorConfig
+from stack_counter.config import CollectorConfig, Config
 from stack_counter.errors import BagError
 from stack_counter.views.rig import load_rig
 
@@ -165,7 +165,7 @@ def test_info_says_what_was_found_and_assumed(tmp_path):
         if topic == COLOR:
             message = replace(message, encoding="8UC3")
         out.append((stamp, topic.replace("/camera/", "/arm/cam/"), kind, message))
-    lines = describe_bag(write(tmp_path / "bag", out), DEFAULT).splitlines()
+    lines = describe_bag(write(tmp_path / "bag", out), Config())[0].splitlines()
     assert "views    6 usable of 6" in lines
     first, second = [line for line in lines if line.startswith("note ")]
     assert "color_topic: /arm/cam/color/image_raw" in first

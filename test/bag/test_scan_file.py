@@ -21,7 +21,7 @@ from stack_counter.bag.info import describe_bag
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.recorder import Recorder
 from stack_counter.bag.scan_file import Recording
-from stack_counter.config import CollectorConfig
+from stack_counter.config import CollectorConfig, Config
 from stack_counter.errors import BagError
 
 BIG = 1000.0  # MB
@@ -50,7 +50,7 @@ def test_views_come_back_and_other_tools_read_the_file(tmp_path):
         qos = {c.topic: c.ext.offered_qos_profiles for c in reader.connections}
     assert qos["/tf_static"][0].durability == QosDurability.TRANSIENT_LOCAL and qos["/tf"] == []
     assert BagReader(path).facts == {**FACTS, "ended": "stop_scan"}
-    text = describe_bag(path, CollectorConfig())
+    text = describe_bag(path, Config())[0]
     assert "recorded part: nut" in text and "6 usable of 6" in text and "problems" not in text
 
 

@@ -29,7 +29,7 @@ from stack_counter.bag.reader import BagReader
 from stack_counter.bag.replay import measure_bag, read_scan
 from stack_counter.bag.sampling import sampled_parts
 from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
-from stack_counter.config import CollectorConfig, load_config
+from stack_counter.config import CollectorConfig, Config, load_config
 from stack_counter.errors import BagError, ConfigError, ScanError
 from stack_counter.files import config_path
 from stack_counter.teaching.teach_container import teach_container
@@ -162,9 +162,9 @@ def test_few_images_are_all_looked_at():
 @pytest.mark.parametrize("form", FORMS)
 def test_info_says_how_much_it_looked_at(tmp_path, messages, monkeypatch, form):
     path = FORMS[form](tmp_path, messages)
-    text = describe_bag(path, CollectorConfig())
+    text = describe_bag(path, Config())[0]
     assert "6 usable of 6\n" in text and "6.020 s from 1970-01-01 00:00:00 UTC" in text
     monkeypatch.setattr(sampling, "SETTINGS", sampling.SamplingSettings(images=2, parts=2))
-    text = describe_bag(path, CollectorConfig())
+    text = describe_bag(path, Config())[0]
     assert "views    2 usable of 2 looked at, in 2 parts of the bag\n" in text
     assert "problems" not in text and "duration 5.0 s" in text

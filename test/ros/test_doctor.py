@@ -13,7 +13,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from stack_counter.config import Config
 from stack_counter.ros.doctor import GraphDoctor
-from stack_counter.ros.standard_messages import to_camera_info, to_image
+from stack_counter.ros.standard_messages import to_camera_info, to_header, to_image
 from stack_counter.views.checkup.findings import cause_first
 
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -35,10 +35,10 @@ def publish_camera(ros):
     millimetres = np.round(view.depth * 1000).astype(np.uint16)
 
     def send():
-        stamp = ros.node.get_clock().now().nanoseconds
-        info.publish(to_camera_info(view.intrinsics, stamp, FRAME))
-        depth.publish(to_image(millimetres, "16UC1", stamp, FRAME))
-        color.publish(to_image(view.color, "rgb8", stamp, FRAME))
+        header = to_header(ros.node.get_clock().now().nanoseconds, FRAME)
+        info.publish(to_camera_info(view.intrinsics, header))
+        depth.publish(to_image(millimetres, "16UC1", header))
+        color.publish(to_image(view.color, "rgb8", header))
 
     ros.node.create_timer(0.2, send)
 

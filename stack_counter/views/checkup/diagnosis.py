@@ -131,8 +131,8 @@ def _sync_remedy(check: Checkup) -> str:
     if not len(offsets):
         return "start the depth stream, or record its topic"
     off_s = float(np.median(np.abs(offsets))) * 1e-9
-    remedy = f"half of the depth is {off_s * 1e3:.1f} ms off or more: have the driver synchronise "\
-             "both streams (RealSense: enable_sync:=true)"
+    remedy = (f"half of the depth is {off_s * 1e3:.1f} ms off or more: have the driver "
+              "synchronise both streams (RealSense: enable_sync:=true)")
     return remedy if off_s > SETTINGS.clocks_s else \
         f"{remedy}, or, if the camera stands still for images, set sync_tolerance_s to " \
         f"{1.5 * off_s:.2g}"
