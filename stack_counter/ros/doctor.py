@@ -25,6 +25,7 @@ from stack_counter.ros.graph_findings import (
     COLLECTOR,
     NO_ANSWER,
     NOT_RUNNING,
+    Ends,
     clock_findings,
     node_findings,
     qos_findings,
@@ -160,7 +161,7 @@ class GraphDoctor:
 
     def _qos_findings(self, check: Checkup, config: CollectorConfig) -> list[Finding]:
         """Who does not hear the cameras and TF; without a collector, one of these settings."""
-        findings: list[Finding] = []
+        found: dict[str, tuple[Ends, Ends]] = {}
         for topic in check.topics:
             publishers, subscribers = (
                 [(f"{end.node_namespace.rstrip('/')}/{end.node_name}", end.qos_profile)
@@ -170,8 +171,8 @@ class GraphDoctor:
                 subscribers.append((COLLECTOR, QoSProfile(
                     depth=1, reliability=ReliabilityPolicy.RELIABLE if config.reliable
                     else ReliabilityPolicy.BEST_EFFORT)))
-            findings += qos_findings(topic, publishers, subscribers)
-        return findings
+            found[topic] = publishers, subscribers
+        return qos_findings(found)
 
 
 def examine_graph(config: Config) -> tuple[list[str], list[Finding]]:

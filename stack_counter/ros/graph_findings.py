@@ -19,38 +19,46 @@ from stack_counter.views.checkup.diagnosis import SETTINGS
 from stack_counter.views.checkup.findings import Finding, Severity
 
 COLLECTOR = f"{NAMESPACE}/collector"
+_BEST_EFFORT = "best effort, and it asks for reliable"
 NOT_RUNNING, NO_ANSWER, ACTIVE = "not running", "no answer", "active"
 
 
-def qos_findings(topic: str, publishers: Sequence[tuple[str, QoSProfile]],
-                 subscribers: Sequence[tuple[str, QoSProfile]]) -> list[Finding]:
-    """Subscribers that do not hear a publisher of a topic, for want of its quality of service.
+# Full name of an endpoint's node, and the quality of service that it offers or asks for.
+Ends = Sequence[tuple[str, QoSProfile]]
+
+
+def qos_findings(topics: Mapping[str, tuple[Ends, Ends]]) -> list[Finding]:
+    """Subscribers that do not hear a publisher for want of its quality of service.
 
     Args:
-        topic: its name.
-        publishers: full names of their nodes, and what they offer.
-        subscribers: full names of their nodes, and what they ask for.
+        topics: publishers and subscribers by topic.
     """
-    findings = []
-    for publisher, offered in publishers:
-        for subscriber, asked in subscribers:
-            if qos_check_compatible(offered, asked)[0] != QoSCompatibility.ERROR:
-                continue
-            best_effort = (offered.reliability, asked.reliability) \
-                == (ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE)
-            latched = asked.durability == DurabilityPolicy.TRANSIENT_LOCAL != offered.durability
-            what = "best effort, and it asks for reliable" if best_effort else \
-                "volatile, and it asks for transient_local" if latched else \
-                "with another quality of service than it asks for"
-            findings.append(Finding(
-                Severity.STOPS if subscriber == COLLECTOR else Severity.HARMS,
-                f"{subscriber} hears nothing on {topic}: {publisher} publishes {what}",
-                _qos_remedy(subscriber, publisher, best_effort)))
-    return findings
+    unheard: dict[tuple[str, str, str], list[str]] = {}
+    for topic, (publishers, subscribers) in topics.items():
+        for publisher, offered in publishers:
+            for subscriber, asked in subscribers:
+                if qos_check_compatible(offered, asked)[0] == QoSCompatibility.ERROR:
+                    key = subscriber, publisher, _difference(offered, asked)
+                    unheard.setdefault(key, []).append(topic)
+    return [Finding(Severity.STOPS if subscriber == COLLECTOR else Severity.HARMS,
+                    f"{subscriber} hears nothing on {', '.join(dict.fromkeys(names))}: "
+                    f"{publisher} publishes {difference}",
+                    _qos_remedy(subscriber, publisher, difference))
+            for (subscriber, publisher, difference), names in unheard.items()]
 
 
-def _qos_remedy(subscriber: str, publisher: str, best_effort: bool) -> str:
-    if best_effort and subscriber == COLLECTOR:
+def _difference(offered: QoSProfile, asked: QoSProfile) -> str:
+    """What is offered that is less than what is asked for."""
+    if (offered.reliability, asked.reliability) \
+            == (ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE):
+        return _BEST_EFFORT
+    if asked.durability == DurabilityPolicy.TRANSIENT_LOCAL != offered.durability:
+        return "volatile, and it asks for transient_local"
+    return "with another quality of service than it asks for"
+
+
+def _qos_remedy(subscriber: str, publisher: str, difference: str) -> str:
+    if difference == _BEST_EFFORT and subscriber == COLLECTOR:
         return "set reliable: false for the collector, or have the driver publish reliable"
     return f"give {publisher} the quality of service that {subscriber} asks for"
 

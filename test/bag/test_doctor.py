@@ -124,7 +124,6 @@ def test_the_cause_comes_first(tmp_path, case):
     make, said = BROKEN[case]
     lines, findings = examine_bag(write(tmp_path / "bag", make()), Config())
     first = cause_first(findings)[0]
-    print(*lines, *advice_lines(findings), sep="\n")
     assert (first.severity == Severity.STOPS or case == "blurred") and said in str(first)
     assert len(lines) <= 11
 

@@ -8,6 +8,7 @@ pytest.importorskip("rclpy")
 
 from kits.harness import FRAME, Harness
 from kits.recording_kit import COLOR, DEPTH, INFO, scan
+from lifecycle_msgs.srv import GetState
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 
@@ -46,6 +47,7 @@ def publish_camera(ros):
 def test_the_live_graph(ros):
     publish_camera(ros)
     ros.start("collector", autostart=False)
+    ros.call_until_answered(GetState, "/stack_counter/collector/get_state")
     doctor = GraphDoctor(ros.context)
     try:
         lines, findings = doctor.examine(Config())

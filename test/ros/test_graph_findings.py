@@ -17,19 +17,20 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def test_a_best_effort_camera_is_not_heard_by_a_reliable_collector():
-    found, = qos_findings(TOPIC, [("/camera", BEST_EFFORT)], [(COLLECTOR, RELIABLE)])
+    found, = qos_findings({topic: ([("/camera", BEST_EFFORT)], [(COLLECTOR, RELIABLE)])
+                           for topic in (TOPIC, "/depth")})
     assert found.severity == Severity.STOPS and found.remedy.startswith("set reliable: false")
-    assert "/camera publishes best effort, and it asks for reliable" in found.text
+    assert f"nothing on {TOPIC}, /depth: /camera publishes best effort, and it asks for reliable" in found.text
 
 
 def test_another_node_that_hears_nothing_harms():
-    found, = qos_findings("/tf_static", [("/robot", RELIABLE)], [("/rviz", LATCHED)])
+    found, = qos_findings({"/tf_static": ([("/robot", RELIABLE)], [("/rviz", LATCHED)])})
     assert found.severity == Severity.HARMS and "volatile" in found.text
 
 
 def test_those_who_hear_each_other_are_no_finding():
-    assert qos_findings(TOPIC, [("/camera", RELIABLE)],
-                        [(COLLECTOR, RELIABLE), ("/rviz", BEST_EFFORT)]) == []
+    assert qos_findings({TOPIC: ([("/camera", RELIABLE)],
+                                 [(COLLECTOR, RELIABLE), ("/rviz", BEST_EFFORT)])}) == []
 
 
 def test_nodes_that_are_not_active_stop_a_count():

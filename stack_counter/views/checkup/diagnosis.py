@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stack_counter.views.checkup.checkup import Checkup
-from stack_counter.views.checkup.findings import Finding, Severity
+from stack_counter.views.checkup.findings import Finding, Severity, stops_count
 from stack_counter.views.checkup.pictures import median
 from stack_counter.views.checkup.streams import offsets_ns
 
@@ -74,10 +74,10 @@ def diagnose(check: Checkup, min_views: int, has_prompts: bool = False,
         Of equal severity in the order in which a view needs its parts.
     """
     few = check.assembler.tally.used < min_views
-    return [*_silent_streams(check), *_frame_findings(check),
-            *_skipped_views(check, few), *_missing_depth(check, has_prompts, left_out),
-            *_clock_findings(check), *_picture_findings(check, few),
-            *_few_views(check, min_views)]
+    findings = [*_silent_streams(check), *_frame_findings(check), *_skipped_views(check, few),
+                *_missing_depth(check, has_prompts, left_out), *_clock_findings(check),
+                *_picture_findings(check, few)]
+    return findings if stops_count(findings) else [*findings, *_few_views(check, min_views)]
 
 
 def _silent_streams(check: Checkup) -> list[Finding]:
@@ -196,7 +196,7 @@ def _picture_findings(check: Checkup, few: bool) -> list[Finding]:
 
 
 def _few_views(check: Checkup, min_views: int) -> list[Finding]:
-    """There are not enough views, whatever the reason."""
+    """There are not enough views, and nothing else says why."""
     used = check.assembler.tally.used
     return [] if used >= min_views else [
         Finding(Severity.STOPS, f"{used} usable views; expected {min_views} or more (min_views)",
