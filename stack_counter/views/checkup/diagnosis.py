@@ -179,7 +179,8 @@ def _picture_findings(check: Checkup, few: bool) -> list[Finding]:
         scale = next((unit for unit in SETTINGS.units_m
                       if nearest <= distance / used * unit <= farthest), None)
         findings.append(Finding(
-            Severity.STOPS, f"half of the depth on {topic} is beyond {distance:.3g} m, taken in "
+            Severity.STOPS, f"half of the depth on {topic} is "
+            f"{'nearer' if distance < nearest else 'farther'} than {distance:.3g} m, taken in "
             f"units of {used:g} m; expected {nearest:g} to {farthest:g} m",
             f"set depth_scale to {scale:g}, the metres of a unit" if scale else
             "set depth_scale to the metres of a unit, or bring the camera nearer"))
