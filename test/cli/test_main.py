@@ -23,6 +23,20 @@ def test_info_and_import(tmp_path, capsys):
     assert code == 3 and "no transforms.json" in err
 
 
+def test_doctor_and_info_follow_the_settings_and_exit_3_where_there_is_no_count(tmp_path, capsys):
+    path, settings = bag(tmp_path), tmp_path / "settings.yaml"
+    code, out, _ = run(capsys, "doctor", path)
+    assert code == 0 and out.endswith("nothing to change: this can be counted\n")
+    settings.write_text("collector:\n  ros__parameters: {world_frame: map}\n")
+    for command in ("doctor", "info"):
+        code, out, _ = run(capsys, command, path, "--config", settings)
+        assert code == 3 and "set world_frame to 'base_link'" in out
+    settings.write_text("reconstructor:\n  ros__parameters: {min_views: 7}\n")
+    code, out, _ = run(capsys, "doctor", path, "--config", settings)
+    assert code == 3 and "1. 6 usable views; expected 7 or more (min_views)" in out
+    assert run(capsys, "doctor", tmp_path / "none")[0] == 2
+
+
 def test_import_of_pictures_without_poses_takes_a_reference(tmp_path, capsys):
     (tmp_path / "a.jpg").write_bytes(b"")
     code, _, err = run(capsys, "import", tmp_path, tmp_path / "out")
