@@ -7,19 +7,19 @@ import time
 from pathlib import Path
 
 from stack_counter.bag.camera_topics import fit_rig_to_bag, topic_notes
-from stack_counter.bag.doctor import bag_findings, check_bag
+from stack_counter.bag.doctor import bag_findings, camera_finding, check_bag
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
 from stack_counter.config import CollectorConfig, Config
 from stack_counter.errors import BagError
 from stack_counter.types import View, ViewTally
-from stack_counter.views.checkup.findings import cause_first, stops_count
+from stack_counter.views.checkup.findings import Finding, cause_first
 from stack_counter.views.rig import load_rig
 from stack_counter.views.rig_assembler import RigAssembler
 
 
 def describe_bag(path: Path, config: Config, time_range: TimeRange = WHOLE_BAG
-                 ) -> tuple[str, bool]:
+                 ) -> tuple[str, list[Finding]]:
     """Describes topics, frames, views and problems, one a line.
 
     Of a long recording only parts are looked at, evenly spread over its images.
@@ -30,7 +30,7 @@ def describe_bag(path: Path, config: Config, time_range: TimeRange = WHOLE_BAG
         time_range: the part of the bag whose images are looked at.
 
     Returns:
-        The text, and whether one of the problems stops a count.
+        The text, and the problems.
 
     Raises:
         FileNotFoundError: there is no such path.
@@ -45,7 +45,8 @@ def describe_bag(path: Path, config: Config, time_range: TimeRange = WHOLE_BAG
     try:
         rig = fit_rig_to_bag(load_rig(config.collector), reader.topics)
     except BagError as error:
-        return "\n".join([*lines, "problems", f"  {error}"]), True
+        findings = [camera_finding(reader.topics, error)]
+        return "\n".join([*lines, "problems", f"  {findings[0]}"]), findings
     check, parts = check_bag(reader, RigAssembler(rig, live=False))
     # Describe them, and name what is wrong.
     lines += [f"note     {note}" for note in (
@@ -55,7 +56,7 @@ def describe_bag(path: Path, config: Config, time_range: TimeRange = WHOLE_BAG
                              config.collector.world_frame)
     findings = cause_first(bag_findings(reader, check, config, parts))
     problems = ["problems", *(f"  {finding}" for finding in findings)] if findings else []
-    return "\n".join(lines + problems), stops_count(findings)
+    return "\n".join(lines + problems), findings
 
 
 def _describe_extent(reader: BagReader) -> str:

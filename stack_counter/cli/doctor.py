@@ -10,9 +10,6 @@ from stack_counter.cli.common import add_config_argument, require_bag
 from stack_counter.config import load_config
 from stack_counter.files import config_path
 
-_NO_COUNT = 3
-
-
 def add_doctor(commands: argparse._SubParsersAction) -> None:
     """Adds `doctor` to the commands of the command line."""
     doctor = commands.add_parser("doctor", help="why nothing comes, and what to change")
@@ -23,8 +20,8 @@ def add_doctor(commands: argparse._SubParsersAction) -> None:
 
 
 def _doctor(options: argparse.Namespace) -> int:
-    """Prints what came and what to change; 3 where something stops a count."""
-    from stack_counter.views.checkup.findings import advice_lines, stops_count
+    """Prints what came and what to change; refuses what cannot be counted."""
+    from stack_counter.views.checkup.findings import advice_lines, refuse_stopping
 
     config = load_config(options.config or config_path("stack_counter.yaml"))
     if options.bag is None:
@@ -36,4 +33,5 @@ def _doctor(options: argparse.Namespace) -> int:
 
         lines, findings = examine_bag(require_bag(options.bag), config)
     print("\n".join([*lines, *advice_lines(findings)]))
-    return _NO_COUNT if stops_count(findings) else 0
+    refuse_stopping(findings)
+    return 0

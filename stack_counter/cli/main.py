@@ -132,12 +132,13 @@ def _add_info(commands: argparse._SubParsersAction) -> None:
 
 def _info(options: argparse.Namespace) -> int:
     from stack_counter.bag.info import describe_bag
+    from stack_counter.views.checkup.findings import refuse_stopping
 
-    text, stops = describe_bag(options.bag,
-                               load_config(options.config or config_path("stack_counter.yaml")),
-                               chosen_time_range(options))
+    config = load_config(options.config or config_path("stack_counter.yaml"))
+    text, findings = describe_bag(options.bag, config, chosen_time_range(options))
     print(text)
-    return _NO_COUNT if stops else 0
+    refuse_stopping(findings)
+    return 0
 
 
 if __name__ == "__main__":

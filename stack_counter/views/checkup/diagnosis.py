@@ -111,7 +111,8 @@ def _skipped_views(check: Checkup, few: bool) -> list[Finding]:
     """Why images give no view, the most frequent reason first."""
     tally, findings = check.assembler.tally, []
     named_frame = bool(_frame_findings(check))
-    lines = {reason: line for assembler in check.assembler.assemblers.values()
+    lines = {reason: f"{name}: {line}" if name else line
+             for name, assembler in check.assembler.assemblers.items()
              for reason, line in assembler.last_error.items()}
     for reason, count in sorted(tally.skipped.items(), key=lambda item: -item[1]):
         if reason == "no_tf" and named_frame or reason in _USUAL and not few \

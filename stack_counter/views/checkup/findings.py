@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 
+from stack_counter.errors import ScanError
+
 
 class Severity(IntEnum):
     """How much a finding matters to a count; the worst is the smallest."""
@@ -42,6 +44,17 @@ def cause_first(findings: Iterable[Finding]) -> list[Finding]:
 def stops_count(findings: Iterable[Finding]) -> bool:
     """Whether there is no count for one of these findings."""
     return any(finding.severity == Severity.STOPS for finding in findings)
+
+
+def refuse_stopping(findings: Iterable[Finding]) -> None:
+    """Refuses what cannot be counted.
+
+    Raises:
+        ScanError: one of the findings stops a count; the first of them.
+    """
+    for finding in cause_first(findings)[:1]:
+        if finding.severity == Severity.STOPS:
+            raise ScanError(str(finding))
 
 
 def advice_lines(findings: Iterable[Finding]) -> list[str]:
