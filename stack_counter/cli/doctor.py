@@ -10,6 +10,7 @@ from stack_counter.cli.common import add_config_argument, require_bag
 from stack_counter.config import load_config
 from stack_counter.files import config_path
 
+
 def add_doctor(commands: argparse._SubParsersAction) -> None:
     """Adds `doctor` to the commands of the command line."""
     doctor = commands.add_parser("doctor", help="why nothing comes, and what to change")
