@@ -82,6 +82,12 @@ def tf_with_gaps():
     return out + [tf_record(view.stamp_ns - 4 * 10**8, view.T_world_camera) for view in scan()]
 
 
+def robot_clock_behind():
+    out = [record for record in messages() if record[1] != "/tf"]
+    return out + [(view.stamp_ns, *tf_record(view.stamp_ns - 5 * 10**9, view.T_world_camera)[1:])
+                  for view in scan()]
+
+
 def other_encoding():
     return changed(COLOR, lambda t, topic, kind, m: (t, topic, kind, replace(m, encoding="xyz9")))
 
@@ -106,6 +112,7 @@ BROKEN = {
         lambda v: (np.round(v.depth * 10000).astype(np.uint16), "16UC1")), "to 0.0001"),
     "root named differently": (lambda: world_named("world"), "set world_frame to 'world'"),
     "gaps in TF": (tf_with_gaps, "tf_max_gap_s"),
+    "a robot whose clock is behind": (robot_clock_behind, "5.0 s ahead of those of /tf"),
     "no TF": (lambda: without("/tf"), "no_tf"),
     "no camera_info": (lambda: without(INFO), "no_camera_info"),
     "blurred": (blurred, "blurred"),

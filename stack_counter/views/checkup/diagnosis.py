@@ -74,8 +74,8 @@ def diagnose(check: Checkup, min_views: int, has_prompts: bool = False,
         Of equal severity in the order in which a view needs its parts.
     """
     few = check.assembler.tally.used < min_views
-    findings = [*_silent_streams(check), *_frame_findings(check), *_skipped_views(check, few),
-                *_missing_depth(check, has_prompts, left_out), *_clock_findings(check),
+    findings = [*_silent_streams(check), *_frame_findings(check), *_clock_findings(check, few),
+                *_skipped_views(check, few), *_missing_depth(check, has_prompts, left_out),
                 *_picture_findings(check, few)]
     return findings if stops_count(findings) else [*findings, *_few_views(check, min_views)]
 
@@ -149,7 +149,7 @@ def _missing_depth(check: Checkup, has_prompts: bool, left_out: str) -> list[Fin
                     "depth_topic or labels_topic, or mark the parts (prompts)")]
 
 
-def _clock_findings(check: Checkup) -> list[Finding]:
+def _clock_findings(check: Checkup, few: bool) -> list[Finding]:
     """Cameras and TF have clocks that differ."""
     color = check.stream_of("color")
     if color is None or not color.stamps or not check.tf.delays:
@@ -158,7 +158,9 @@ def _clock_findings(check: Checkup) -> list[Finding]:
     if abs(difference) <= SETTINGS.clocks_s:
         return []
     behind = "behind" if difference > 0 else "ahead of"
-    return [Finding(Severity.HARMS, f"the stamps of {color.topic} are {abs(difference):.1f} s "
+    stops = few and "no_tf" in check.assembler.tally.skipped
+    return [Finding(Severity.STOPS if stops else Severity.HARMS,
+                    f"the stamps of {color.topic} are {abs(difference):.1f} s "
                     f"{behind} those of /tf; expected one clock",
                     "synchronise the clocks of camera, robot and this machine (chrony, ptp), and "
                     "let all use the same use_sim_time")]
