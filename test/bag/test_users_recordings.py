@@ -4,20 +4,21 @@
 A line that refuses says what was seen, what is expected, and the setting or command that helps.
 """
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from kits import users_recordings as users
 from kits.depth_camera import OTHER_SIZE, OWN_DEPTH, SAME_SIZE, own_depth_records, own_depth_scan
-from kits.recording_kit import records, scan, write
+from kits.recording_kit import COLOR, DEPTH, INFO, header, image, records, scan, write
 from kits.row_of_bins import HALF, RowOfBins
 
 from stack_counter.bag.bag_views import BagViews
 from stack_counter.bag.nerfstudio import import_scene
 from stack_counter.bag.replay import measure_bag
 from stack_counter.bag.writer import write_bag
-from stack_counter.config import CollectorConfig, Config, ReconstructorConfig, build_section
+from stack_counter.config import CollectorConfig, Config, ReconstructorConfig
 from stack_counter.errors import StackCounterError
 
 DEFAULT = CollectorConfig()
@@ -49,7 +50,7 @@ def test_what_is_recorded_otherwise_is_the_same_scan(tmp_path, name):
         assert np.allclose(view.T_world_camera, truth.T_world_camera, atol=1e-6)
         assert np.array_equal(view.intrinsics.K, truth.intrinsics.K)
         error = np.abs(view.color.mean(-1) - truth.color.mean(-1)).mean()
-        assert error < (35 if "bayer" in name else 20)  # neighbours differ by 90 in the mean
+        assert error < (35 if "bayer" in name else 22)  # neighbours differ by 90 in the mean
 
 
 @pytest.mark.parametrize("keys, share", [
@@ -88,26 +89,115 @@ def refusal(path, collector=DEFAULT, reconstructor=None):
     return str(caught.value)
 
 
+def changed(topic, **fields):
+    """What makes a recording in which the messages on a topic have other fields."""
+    return lambda path: write(path, [
+        (stamp, name, kind, replace(message, **fields) if name == topic else message)
+        for stamp, name, kind, message in records(scan())])
+
+
+def without(*topics):
+    """What makes a recording that lacks topics."""
+    return lambda path: write(path, [r for r in records(scan()) if r[1] not in topics])
+
+
+def of_two_cameras(path):
+    """Two cameras, neither of the default names."""
+    return write(path, [(stamp, topic.replace("/camera/", f"/{name}/"), kind, message)
+                        for name in "ab" for stamp, topic, kind, message in records(scan())])
+
+
+def in_millimetres(path):
+    """The robot gives positions in millimetres."""
+    views = [replace(v, T_world_camera=v.T_world_camera.copy()) for v in scan()]
+    for view in views:
+        view.T_world_camera[:3, 3] *= 1000
+    return write(path, records(views))
+
+
 # By name: what makes the recording; what is seen; what is expected; what helps.
 REFUSED = {
-    "depth as 32FC1 in mm": (users.float_millimetres, "wrong_depth_unit: /camera/", "expected",
-                             "depth_scale: 0.001"),
-    "depth as 16UC1 in 0.1 mm": (users.tenth_millimetres, "wrong_depth_unit: /camera/", "expected",
-                                 "depth_scale: 0.0001"),
-    "a root called world": (lambda path: users.of_world(path, "world"), "base_link", "expected",
-                            "world_frame: world"),
-    "no poses": (lambda path: write(path, records(scan(), poses=False)), "no_tf", "expected",
-                 "/tf"),
-    "one of two is short": (lambda path: users.two_views_apart(path, 0), r"disagree by \d+ mm",
-                            "expected", "view 1 of"),
-    "the other is short": (lambda path: users.two_views_apart(path, 1), r"disagree by \d+ mm",
-                           "expected", "view 2 of"),
+    "depth as 32FC1 in mm": (users.float_millimetres, "beyond 6.., taken as metres",
+                             "expected some metres", "set depth_scale: 0.001"),
+    "depth as 16UC1 in 0.1 mm": (users.tenth_millimetres, "half of it is beyond 6.* m",
+                                 "expected some", "set depth_scale .*0.0001"),
+    "a root called world": (lambda path: users.of_world(path, "world"),
+                            "no transforms connect 'base_link'", "expected a chain",
+                            "set world_frame to 'world'"),
+    "no poses": (without("/tf"), "no transform names 'camera_color", "expected a chain",
+                 "record /tf and /tf_static"),
+    "poses in mm": (in_millimetres, r"show things \d+ m apart", "expected below 50 m",
+                    "poses in metres"),
+    "one of two is short": (lambda path: users.two_views_apart(path, 0),
+                            r"disagree by \d+ mm.*view 1 of", "expected below 25%", "depth_scale"),
+    "the other is short": (lambda path: users.two_views_apart(path, 1),
+                           r"disagree by \d+ mm.*view 2 of", "expected below 25%", "depth_scale"),
+    "no calibration": (without(INFO), "no message on /camera/color/camera_info",
+                       "expected a calibration", "set camera_info_topic"),
+    "no colour": (without(COLOR), "no images on /camera/color/image_raw.*the bag has /camera",
+                  "expected colour images", "set color_topic"),
+    "no depth": (without(DEPTH), f"no depth on {DEPTH}", "expected depth aligned", "record it"),
+    "two cameras": (of_two_cameras, "2 cameras in the bag", "expected one",
+                    r"set for the collector \{color_topic: /a/.* or \{color_topic: /b/"),
+    "colour that is coded": (changed(COLOR, encoding="h264"), "colour in 'h264'",
+                             "expected one of .*'rgb8'", "set color_topic, or the driver"),
+    "depth that is none": (changed(DEPTH, encoding="rgb8"), "depth in 'rgb8'", "expected 16UC1",
+                           "set depth_topic, or the driver"),
+    "depth of nothing": (lambda path: users.with_depth(
+        path, lambda mm, stamp: image(0 * mm, "16UC1", stamp)), "19200 depth pixels, all invalid",
+        "expected some", "check the camera's range"),
+    "depth of another size": (lambda path: users.with_depth(
+        path, lambda mm, stamp: image(mm[::2, ::2], "16UC1", stamp)), "depth of 80x60",
+        "expected 160x120", "set depth_topic"),
+    "depth of another time": (changed(DEPTH, header=header(0)), "depth for colour at .*: none",
+                              "expected within 5.0 ms", "sync_tolerance_s"),
+    "an empty calibration": (changed(INFO, k=np.zeros(9)), "fx 0.0, fy 0.0",
+                             "expected finite numbers", "calibrate"),
+    "a lens of no model": (changed(INFO, distortion_model="fov"), "distortion model 'fov'",
+                           "expected one of", "calibrate"),
+    "the calibration of another size": (changed(INFO, width=640, height=480), "image of 160x120",
+                                        "expected 640x480", "set camera_info_topic"),
 }
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_a_refusal_says_what_was_seen_what_is_expected_and_what_helps(tmp_path, name):
-    make, seen, expected, helps = REFUSED[name]
+    make, *parts = REFUSED[name]
     line = refusal(make(tmp_path / "bag"), reconstructor=ReconstructorConfig(min_views=1))
     assert "\n" not in line
-    print(line)
+    for part in parts:
+        assert re.search(part, line), line
+
+
+# --- bins in a rack ---------------------------------------------------------------------------
+
+@pytest.fixture(scope="module")
+def rack(tmp_path_factory):
+    """Four bins 2 mm apart, of which the first and the third are full; and their recording."""
+    row, path = RowOfBins(), tmp_path_factory.mktemp("rack") / "bag"
+    write_bag(path, row.views(camera=HALF))
+    return row, path
+
+
+def measured(path, **settings):
+    return measure_bag(path, Config(reconstructor=ReconstructorConfig(**settings)), 6e-6)
+
+
+def test_one_bin_of_a_rack_is_measured_and_without_a_region_all_are_named(rack, tmp_path):
+    row, path = rack
+    write_bag(tmp_path / "one", RowOfBins((True,)).views(camera=HALF))
+    alone = measured(tmp_path / "one").stack_volume
+    for place, full in zip(row.regions().values(), (True, False, True, False)):
+        found = measured(path, roi_center_m=place["center_m"], roi_size_m=place["size_m"])
+        assert found.container.kind == "box" and max(found.container.inner_size_m[:2]) < 0.19
+        assert found.stack_volume == pytest.approx(alone if full else 0.0, rel=0.06, abs=2e-5)
+    line = refusal(path)
+    for part in ("4 containers", "expected one, or a region", "roi_center_m.*roi_size_m"):
+        assert re.search(part, line), line
+
+
+def test_a_bin_on_a_board_is_measured_as_one_on_the_table(tmp_path):
+    for name, lift in (("table", 0.0), ("board", 0.028)):
+        write_bag(tmp_path / name, RowOfBins((True,), lift=lift).views(camera=HALF))
+    table, board = (measured(tmp_path / name) for name in ("table", "board"))
+    assert board.stack_volume == pytest.approx(table.stack_volume, rel=0.02)
