@@ -167,9 +167,9 @@ def missing_depth_line(config: CollectorConfig, rig: Rig, topics: dict[str, tupl
     """Names the depth that a bag lacks, and its images; "" where it has or needs none."""
     if config.rig or rig.cameras[0].config.depth_topic or not config.depth_topic:
         return ""
-    color = RigAssembler(rig).color_topics()
+    known = {*RigAssembler(rig).color_topics(), rig.cameras[0].config.labels_topic}
     others = {topic: held for topic, held in topics.items()
-              if "Image" in held[0] and topic not in color}
+              if "Image" in held[0] and topic not in known}
     return f"no depth on {config.depth_topic}; expected depth aligned to colour: " + (
         f"set depth_topic if it is one of {_listed(others)}" if others else "record it")
 

@@ -4,7 +4,9 @@
 A line that refuses says what was seen, what is expected, and the setting or command that helps.
 """
 
+import json
 import re
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -164,6 +166,47 @@ REFUSED = {
 def test_a_refusal_says_what_was_seen_what_is_expected_and_what_helps(tmp_path, name):
     make, *parts = REFUSED[name]
     line = refusal(make(tmp_path / "bag"), reconstructor=ReconstructorConfig(min_views=2))
+    assert "\n" not in line
+    for part in parts:
+        assert re.search(part, line), line
+
+
+def edited(change):
+    """What makes a folder whose transforms.json has other keys, or lacks some (None)."""
+    def make(path):
+        file = users.folder(path) / "transforms.json"
+        document = {**json.loads(file.read_text()), **change}
+        file.write_text(json.dumps({k: v for k, v in document.items() if v is not None}))
+    return make
+
+
+# The same of folders of pictures.
+REFUSED_FOLDERS = {
+    "no transforms.json": (lambda path: path.mkdir(), "no transforms.json in", "expected a nerf",
+                           "--reference"),
+    "no frames": (edited({"frames": []}), "none of the 0 pictures", "expected some", "file_path"),
+    "depth that is not there": (
+        lambda path: users.folder(path, depth_file_path="deep/{}.png"),
+        "none of the 6 pictures .* 6 depth images missing", "expected some",
+        "mend .*depth_file_path"),
+    "pictures that are not there": (
+        lambda path: shutil.rmtree(users.folder(path) / "images"),
+        "none of the 6 pictures .* 6 pictures missing", "expected some, as images/frame_00000",
+        "mend file_path"),
+    "no calibration": (edited({"fl_x": None}), "images/frame_00000.png lacks fl_x",
+                       "expected it", "camera_angle_x"),
+    "no lens": (edited({"camera_model": "EQUIRECTANGULAR"}), "camera_model is 'EQUIREC",
+                "expected one of .*PINHOLE", "cut perspective pictures"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED_FOLDERS)
+def test_a_folder_is_refused_by_what_was_seen_what_is_expected_and_what_helps(tmp_path, name):
+    make, *parts = REFUSED_FOLDERS[name]
+    make(tmp_path / "scene")
+    with pytest.raises(StackCounterError) as caught:
+        import_scene(tmp_path / "scene", tmp_path / "out")
+    line = str(caught.value)
     assert "\n" not in line
     for part in parts:
         assert re.search(part, line), line
