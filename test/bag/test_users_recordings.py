@@ -187,11 +187,11 @@ REFUSED_FOLDERS = {
     "no frames": (edited({"frames": []}), "none of the 0 pictures", "expected some", "file_path"),
     "depth that is not there": (
         lambda path: users.folder(path, depth_file_path="deep/{}.png"),
-        "none of the 6 pictures .* 6 depth images missing", "expected some",
+        "none of the 6 pictures .*[(]6 depth images missing", "expected some",
         "mend .*depth_file_path"),
     "pictures that are not there": (
         lambda path: shutil.rmtree(users.folder(path) / "images"),
-        "none of the 6 pictures .* 6 pictures missing", "expected some, as images/frame_00000",
+        "none of the 6 pictures .*[(]6 pictures missing", "expected some, as images/frame_00000",
         "mend file_path"),
     "no calibration": (edited({"fl_x": None}), "images/frame_00000.png lacks fl_x",
                        "expected it", "camera_angle_x"),
