@@ -227,12 +227,12 @@ def check_intrinsics(intrinsics: Intrinsics) -> None:
     values = np.array([k.fx, k.fy, k.cx, k.cy, *k.distortion], float)
     if not np.isfinite(values).all() or k.fx <= 0 or k.fy <= 0:
         raise ViewError("bad_intrinsics", f"fx {k.fx}, fy {k.fy}, cx {k.cx}, cy {k.cy}; "
-                                          "expected finite numbers, focal lengths above 0")
+                                          "expected finite numbers, fx and fy above 0: calibrate")
     if k.width <= 0 or k.height <= 0:
         raise ViewError("bad_intrinsics", f"image size {k.width}x{k.height}; expected above 0")
     if k.distortion_model not in (*_POLYNOMIAL, *_FISHEYE):
         raise ViewError("bad_intrinsics", f"distortion model '{k.distortion_model}'; expected "
-                                          f"one of {[*_POLYNOMIAL[2:], *_FISHEYE]}")
+                                          f"one of {[*_POLYNOMIAL[2:], *_FISHEYE]}: calibrate")
     most = 4 if k.distortion_model in _FISHEYE else 14
     if np.any(k.distortion[most:]):
         raise ViewError("bad_intrinsics", f"{len(k.distortion)} coefficients of "

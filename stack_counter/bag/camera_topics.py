@@ -45,7 +45,8 @@ def fit_camera_to_bag(config: CollectorConfig, topics: dict[str, tuple[str, int]
     named, config = config, _find_topics(config, topics)
     if not published_transports(config.color_topic, topics.__contains__):
         raise BagError(f"no images on {config.color_topic} or "
-                       f"{transport_topic(config.color_topic, COMPRESSED)}; the bag has "
+                       f"{transport_topic(config.color_topic, COMPRESSED)}; expected "
+                       f"colour images: record them, or set color_topic; the bag has "
                        f"{_listed(topics)}{_proposal(topics)}")
     labels = config.labels_topic or LABELS_TOPIC
     depth = _recorded_depth(config, topics)
@@ -131,8 +132,8 @@ def fit_rig_to_bag(rig: Rig, topics: dict[str, tuple[str, int]]) -> Rig:
         for camera in rig.cameras))
     expected = RigAssembler(rig).color_topics()
     if not set(expected) & set(topics):
-        raise BagError(f"no images on {', '.join(expected)}; the bag has "
-                       f"{_listed(topics)}")
+        raise BagError(f"no images on {', '.join(expected)}; expected some: record them, or "
+                       f"set color_topic in the rig file; the bag has {_listed(topics)}")
     return rig
 
 
@@ -166,8 +167,11 @@ def missing_depth_line(config: CollectorConfig, rig: Rig, topics: dict[str, tupl
     """Names the depth that a bag lacks, and its images; "" where it has or needs none."""
     if config.rig or rig.cameras[0].config.depth_topic or not config.depth_topic:
         return ""
-    images = {topic: held for topic, held in topics.items() if "Image" in held[0]}
-    return f"no depth on {config.depth_topic}; set depth_topic if it is one of {_listed(images)}"
+    known = {*RigAssembler(rig).color_topics(), rig.cameras[0].config.labels_topic}
+    others = {topic: held for topic, held in topics.items()
+              if "Image" in held[0] and topic not in known}
+    return f"no depth on {config.depth_topic}; expected depth aligned to colour: " + (
+        f"set depth_topic if it is one of {_listed(others)}" if others else "record it")
 
 
 def _types(topics: dict[str, tuple[str, int]]) -> dict[str, str]:

@@ -155,7 +155,7 @@ def _fit_plane(points: np.ndarray) -> _Plane | None:
         residuals = points[:, 2] - design @ solution
         # The lower half: what stands on the plane reaches into it from above only.
         below = residuals[residuals < 0]
-        std = float(np.sqrt(np.mean(below**2)))
+        std = float(np.sqrt(np.mean(below**2))) if len(below) else 0.0
         reach = min(reach, max(s.outlier_factor * std, s.min_outlier_distance))
         points = points[np.abs(residuals) < reach]
     return plane

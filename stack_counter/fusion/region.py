@@ -33,6 +33,7 @@ class RegionSettings:
         margin: plane kept around the blob, m: the container's foot and some support.
         growth: farthest that one view can grow the region, m.
         min_piece_share: least number of points of a piece on a table, over that of the largest.
+        widest: most that a scan shows along an axis, m: a camera sees a few metres.
         one_side_angle: largest angle between the directions to all cameras of a scan from one
             side, rad.
     """
@@ -48,6 +49,7 @@ class RegionSettings:
     margin: float = 0.04
     growth: float = 0.1
     min_piece_share: float = 0.1
+    widest: float = 50.0
     one_side_angle: float = 0.35
 
 
@@ -129,6 +131,11 @@ def find_region(views: list[View], config: ReconstructorConfig) -> Region:
     if len(inside) < SETTINGS.min_points:
         raise ScanError(f"{len(inside)} depth points in the region of interest; "
                         f"expected {SETTINGS.min_points} or more")
+    width = np.ptp(points, axis=0).max()
+    if not configured and width > SETTINGS.widest:
+        raise ScanError(f"the views show things {width:.0f} m apart; expected below "
+                        f"{SETTINGS.widest:g} m: publish poses in metres, or set a region of "
+                        "interest (roi_size_m)")
     # Find the support plane.
     plane = find_support_plane(points, config.support_height_m,
                                *((low, high) if configured else ()))

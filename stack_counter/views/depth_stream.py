@@ -176,7 +176,9 @@ class DepthStream:
         if depth.shape != (k.height, k.width):
             raise ViewError("bad_depth", f"depth of {depth.shape[1]}x{depth.shape[0]}; expected "
                                          f"{k.width}x{k.height} as "
-                                         f"{'its calibration' if own else 'the colour'}")
+                                         f"{'its calibration' if own else 'the colour'}: set "
+                                         "depth_topic to depth aligned to colour, or "
+                                         "depth_camera_info_topic to its calibration")
         same_pixels = _have_same_pixels(k, view.intrinsics)
         T = self._pose_beside_color(depth_frame, view, same_pixels) if elsewhere else np.eye(4)
         aligned = same_pixels and np.allclose(T, np.eye(4), atol=SETTINGS.same_pose)

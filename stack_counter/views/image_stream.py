@@ -83,7 +83,8 @@ class ImageStream:
         if i < 0 or abs(self._stamps[i] - stamp_ns) > self._tolerance_ns:
             seen = f"nearest {(self._stamps[i] - stamp_ns) / 1e6:+.1f} ms" if i >= 0 else "none"
             raise ViewError("unsynchronised", f"{self._kind} for colour at {stamp_ns} ns: {seen}; "
-                                              f"expected within {self._tolerance_ns / 1e6:.1f} ms")
+                                              f"expected within {self._tolerance_ns / 1e6:.1f} ms "
+                                              "(sync_tolerance_s)")
         frame, image = self._images[i]
         if isinstance(image, ViewError):
             raise image
@@ -104,7 +105,8 @@ class ImageStream:
         _, image = self.nearest(stamp_ns)
         if image.shape != color.shape[:2]:
             raise ViewError(reason, f"{self._kind} of {image.shape[1]}x{image.shape[0]}; expected "
-                                    f"{color.shape[1]}x{color.shape[0]} as the colour")
+                                    f"{color.shape[1]}x{color.shape[0]} as the colour: set "
+                                    f"{self._kind}_topic to a stream aligned to it")
         return image
 
     def forget_before(self, stamp_ns: int) -> None:
@@ -162,12 +164,14 @@ class Calibrations:
         """
         intrinsics = self.calibration_at(stamp_ns)
         if intrinsics is None:
-            raise ViewError("no_camera_info", f"no message on {topic}; expected a calibration")
+            raise ViewError("no_camera_info", f"no message on {topic}; expected a calibration: "
+                                              "set camera_info_topic, or start and record it")
         geometry.check_intrinsics(intrinsics)
         width, height = intrinsics.width, intrinsics.height
         if color.shape[:2] != (height, width):
             raise ViewError("size_mismatch", f"image of {color.shape[1]}x{color.shape[0]}; "
-                                             f"expected {width}x{height} as in camera_info")
+                                             f"expected {width}x{height} as in camera_info: set "
+                                             "camera_info_topic to the one of this stream")
         return intrinsics
 
     def restart(self) -> None:

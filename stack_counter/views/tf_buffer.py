@@ -130,8 +130,8 @@ class TransformBuffer:
         ups, downs = self._ancestors(source), self._ancestors(target)
         common = next((name for name in ups if name in downs), None)
         if common is None:
-            raise ViewError("no_tf", f"no transforms connect '{target}' and '{source}'; "
-                                     f"{self._advice(target, source, ups[-1])}")
+            raise ViewError("no_tf", f"no transforms connect '{target}' and '{source}'; expected "
+                                     f"a chain of them: {self._advice(target, source, ups[-1])}")
         return ups[:ups.index(common)], downs[:downs.index(common)]
 
     def _advice(self, target: str, source: str, root: str) -> str:
@@ -139,7 +139,8 @@ class TransformBuffer:
         frames = set(self._edges) | {edge.parent for edge in self._edges.values()}
         known = f"known frames: {sorted(frames) or 'none'}"
         if source not in frames:
-            return f"no transform names '{source}'; {known}"
+            return f"no transform names '{source}': publish one (robot driver, hand-eye " \
+                   f"calibration) and record /tf and /tf_static; {known}"
         return f"'{source}' hangs below '{root}': set world_frame to '{root}' if its z axis " \
                f"points up, or publish a transform between it and '{target}'; {known}"
 

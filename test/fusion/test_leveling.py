@@ -46,6 +46,13 @@ def test_a_right_pose_stays():
     )
 
 
+@pytest.mark.filterwarnings("error")
+def test_depth_without_any_noise_is_levelled_too():
+    above = geometry.pose(np.diag([1.0, -1, -1]), np.array([0, 0, 0.75]))
+    exact = Scene().box([0, 0, 0.03], [0.12, 0.12, 0.06]).view(above)
+    np.testing.assert_allclose(level_to_support(exact, REGION).T_world_camera, above, atol=5e-4)
+
+
 def test_the_floor_of_an_empty_bin_is_not_the_support():
     low = view(height=0.004)  # as level as the support, and much larger than what shows of it
     np.testing.assert_allclose(

@@ -53,6 +53,14 @@ def test_a_configured_region_is_used_as_given():
         find_region(box_views(), far)
 
 
+def test_poses_in_millimetres_are_refused_before_they_take_all_memory():
+    views = box_views()
+    for view in views:
+        view.T_world_camera[:3, 3] *= 1000
+    with pytest.raises(ScanError, match=r"apart; expected below 50 m: .* in metres.*roi_size_m"):
+        find_region(views, CONFIG)
+
+
 def test_the_region_is_around_the_largest_thing_or_around_all_pieces():
     piece = Scene().box((0.27, 0.0, 0.02), (0.08, 0.08, 0.04))
     views = box_views(piece)

@@ -27,8 +27,14 @@ class RowOfBins:
         centers: (n,) x of the bins' middles, m.
     """
 
-    def __init__(self, full=(True, False, True, False), gap=0.002):
-        """Puts the pile into the bins that are full; `gap`: distance between outer walls, m."""
+    def __init__(self, full=(True, False, True, False), gap=0.002, lift=0.0):
+        """Puts the pile into the bins that are full.
+
+        Args:
+            full: whether each of the bins is.
+            gap: distance between outer walls, m.
+            lift: height of a board, not much larger than the row, that all of them stand on, m.
+        """
         pile = find_scene(str(PILE))
         self.unit_volume = pile.shape.unit_volume
         self.counts = [len(pile.poses) if is_full else 0 for is_full in full]
@@ -40,9 +46,12 @@ class RowOfBins:
         self.centers = (np.arange(len(full)) - (len(full) - 1) / 2) * (self._size[0] + gap)
         self.scene = Scene()
         for x, is_full in zip(self.centers, full):
-            T = geometry.pose(np.eye(3), np.array([x, 0.0, 0.0]))
+            T = geometry.pose(np.eye(3), np.array([x, 0.0, lift]))
             for mesh in (bin_mesh, parts) if is_full else (bin_mesh,):
                 self.scene.mesh(_moved(mesh, T))
+        if lift:
+            board = (np.ptp(self.centers) + self._size[0] + 0.05, self._size[1] + 0.05, lift)
+            self.scene.box((0.0, 0.0, lift / 2), board)
 
     def regions(self, margin=0.0):
         """The setting `regions`: `bin_0`, `bin_1` ..., each a box round one bin, m."""

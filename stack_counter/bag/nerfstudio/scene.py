@@ -105,9 +105,11 @@ def import_scene(scene: Path, out: Path) -> str:
     frames = _name_unnamed_depth(scene, read_frames(scene))
     found, missing = _find_all(scene, frames)
     if not found:
-        raise BagError(f"none of the {len(frames)} pictures of {scene} is there ("
-                       f"{'; '.join(_count_lines(missing))}); expected some, as "
-                       f"{frames[0]['file_path'] if frames else 'images/frame_00001.jpg'}")
+        example = frames[0]["file_path"] if frames else "images/frame_00001.jpg"
+        raise BagError(f"none of the {len(frames)} pictures of {scene} is there with all its "
+                       f"files ({'; '.join(_count_lines(missing)) or 'no frames'}); expected "
+                       f"some, as {example}: mend file_path, depth_file_path or mask_path of the "
+                       "frames in transforms.json, or take the key out")
     facts = read_facts(scene)
     _check_scale(scene, found, facts)
     # Read the images while the bag is written: they would not all fit into memory as numbers.

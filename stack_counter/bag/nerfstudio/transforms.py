@@ -48,7 +48,8 @@ def read_frames(scene: Path) -> list[Frame]:
     except (FileNotFoundError, NotADirectoryError) as error:
         others = sorted(other.name for other in scene.glob("transforms*.json"))
         raise BagError(f"no transforms.json in {scene}; expected a nerfstudio scene"
-                       + (f": rename one of {', '.join(others)}" if others else "")) from error
+                       + (f": rename one of {', '.join(others)}" if others else
+                          " (or pictures alone, with --reference)")) from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise BagError(f"{path} is malformed at {error}; expected nerfstudio's keys") from error
 

@@ -48,7 +48,8 @@ def color_to_array(message: Any) -> np.ndarray:
     encoding = message.encoding
     if encoding not in _CONVERSIONS:
         raise ViewError("bad_encoding", f"colour in '{encoding}'; expected one of "
-                                        f"{list(_CONVERSIONS)}")
+                                        f"{list(_CONVERSIONS)}: set color_topic, or the "
+                                        "driver's format")
     if encoding in _OF_EVEN_WIDTH and (message.width % 2 or encoding in PLANAR
                                        and message.height % 2):
         raise ViewError("bad_image", f"{message.width}x{message.height} {encoding}; expected an "

@@ -60,12 +60,13 @@ def depth_to_metres(message: Any, scale: float = 0.0) -> np.ndarray:
         image = image_to_array(message)
     else:
         raise ViewError("bad_encoding", f"depth in '{message.encoding}'; expected 16UC1 (mm) or "
-                                        "32FC1 (m)")
+                                        "32FC1 (m): set depth_topic, or the driver's format")
     is_float = image.dtype == np.float32
     if is_float:
         image = np.where(np.isfinite(image) & (image > 0), image, 0)
     if not image.any():
-        raise ViewError("empty_depth", f"{image.size} depth pixels, all invalid; expected some")
+        raise ViewError("empty_depth", f"{image.size} depth pixels, all invalid; expected some: "
+                                       "check the camera's range and laser, or set depth_topic")
     if is_float and not scale:
         _check_metres(image)
     return image.astype(np.float32) * np.float32(scale or (1.0 if is_float else 0.001))

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One scan in the forms that users have it in: by camera driver, by recorder and as a folder."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from kits.bag_formats import FORMATS, messages_of
+from kits.packed_depth import packed, png
+from kits.recording_kit import (
+    COLOR,
+    COMPRESSED,
+    DEPTH,
+    IMAGE,
+    image,
+    records,
+    scan,
+    write,
+)
+
+FLIP = np.diag([1.0, -1, -1, 1])  # from OpenCV's camera axes to OpenGL's
+
+
+def in_form(path, name):
+    """The scan as a recorder writes it with another option; returns its path."""
+    path.mkdir()
+    return FORMATS[name](path, messages_of(write(path / "made", records(scan()))))
+
+
+def with_depth(path, change, kind=IMAGE, topic=DEPTH):
+    """The scan with other messages of depth: `change(millimetres, stamp_ns)`."""
+    out = []
+    for stamp, name, old_kind, message in records(scan()):
+        if name == DEPTH:
+            pixels = np.frombuffer(message.data, np.uint16).reshape(message.height, -1)
+            out.append((stamp, topic, kind, change(pixels, stamp)))
+        else:
+            out.append((stamp, name, old_kind, message))
+    return write(path, out)
+
+
+def with_color(path, encoding, encode):
+    """The scan with colour in another encoding: `encode` of an (h, w, 3) RGB image."""
+    out = []
+    for stamp, name, kind, message in records(scan()):
+        if name == COLOR:
+            pixels = np.frombuffer(message.data, np.uint8).reshape(message.height, -1, 3)
+            message = image(encode(pixels), encoding, stamp)
+        out.append((stamp, name, kind, message))
+    return write(path, out)
+
+
+def under(path, namespace):
+    """The scan of a driver that puts a namespace before its topics."""
+    return write(path, [(stamp, f"{namespace}{topic}" if topic.startswith("/camera") else topic,
+                         kind, message) for stamp, topic, kind, message in records(scan())])
+
+
+def of_world(path, name):
+    """The scan of a robot whose TF tree has another root."""
+    return write(path, [(stamp, topic, kind, replace(message, transforms=[
+        replace(t, header=replace(t.header, frame_id=name)) for t in message.transforms])
+        if topic == "/tf" else message) for stamp, topic, kind, message in records(scan())])
+
+
+def two_views_apart(path, short, by_mm=80):
+    """Two views, of which the one numbered `short` reads its depth too near."""
+    views = list(scan())[:2]
+    depth = views[short].depth
+    views[short] = replace(views[short], depth=np.maximum(depth - by_mm / 1000, 0))
+    return write(path, records(views))
+
+
+def compressed_depth(path):
+    """Depth as compressed_depth_image_transport packs it."""
+    return with_depth(path, lambda mm, stamp: packed(
+        png(mm), "16UC1; compressedDepth png", stamp), COMPRESSED, DEPTH + "/compressedDepth")
+
+
+def png_depth(path):
+    """Depth as compressed_image_transport packs it."""
+    return with_depth(path, lambda mm, stamp: packed(
+        png(mm), "16UC1; png compressed ", stamp, config=False), COMPRESSED, DEPTH + "/compressed")
+
+
+def float_millimetres(path):
+    """Depth as 32FC1, in millimetres instead of metres."""
+    return with_depth(path, lambda mm, stamp: image(mm.astype(np.float32), "32FC1", stamp))
+
+
+def tenth_millimetres(path):
+    """Depth as 16UC1, in 0.1 mm instead of millimetres."""
+    return with_depth(path, lambda mm, stamp: image(
+        np.minimum(mm.astype(int) * 10, 65535).astype(np.uint16), "16UC1", stamp))
+
+
+def yuyv(rgb):
+    """(h, w, 2) brightness and, in turn, the two colours."""
+    yuv = cv2.cvtColor(rgb, cv2.COLOR_RGB2YUV)
+    pairs = yuv[..., :2].copy()
+    pairs[:, 1::2, 1] = yuv[:, ::2, 2]
+    return pairs
+
+
+def mosaic(rgb):
+    """(h, w) of a sensor behind an RGGB filter."""
+    out = rgb[..., 1].copy()
+    out[::2, ::2], out[1::2, 1::2] = rgb[::2, ::2, 0], rgb[1::2, 1::2, 2]
+    return out
+
+
+def grey16(rgb):
+    """(h, w) uint16 brightness."""
+    return cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.uint16) * 257
+
+
+# By encoding: what the driver makes of an (h, w, 3) uint8 RGB image.
+COLORS = {"yuv422_yuy2": yuyv, "yuv422": lambda rgb: yuyv(rgb)[..., ::-1], "bayer_rggb8": mosaic,
+          "8UC3": lambda rgb: rgb[..., ::-1], "mono16": grey16,
+          "rgb16": lambda rgb: rgb.astype(np.uint16) * 257}
+
+
+def folder(path, suffix=".png", **keys):
+    """A nerfstudio folder of the scan: pictures, 16-bit depth, masks of the upper third.
+
+    Args:
+        path: a new folder.
+        suffix: of the pictures as transforms.json names them; the files are PNG.
+        keys: of every frame; `{}` stands for the picture's name.
+    """
+    for name in ("images", "depths", "masks"):
+        (path / name).mkdir(parents=True)
+    frames = []
+    for i, view in enumerate(scan()):
+        mask = np.full(view.depth.shape, 255, np.uint8)
+        mask[:mask.shape[0] // 3] = 0
+        for name, pixels in (("images", view.color[..., ::-1]), ("masks", mask),
+                             ("depths", np.round(view.depth * 1000).astype(np.uint16))):
+            cv2.imwrite(str(path / f"{name}/frame_{i:05d}.png"), pixels)
+        frames.append({"file_path": f"images/frame_{i:05d}{suffix}",
+                       "transform_matrix": (view.T_world_camera @ FLIP).tolist(),
+                       **{key: value.format(f"frame_{i:05d}") for key, value in keys.items()}})
+    K = scan()[0].intrinsics
+    (path / "transforms.json").write_text(json.dumps({
+        "w": K.width, "h": K.height, "fl_x": K.fx, "fl_y": K.fy, "cx": K.cx, "cy": K.cy,
+        "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0, "camera_model": "OPENCV", "frames": frames}))
+    return path
