@@ -84,7 +84,8 @@ def test_a_file_may_name_nodes_as_it_likes_and_arguments_of_ros_go_to_all_nodes(
         return 0
 
     monkeypatch.setattr("stack_counter.ros.supervisor.supervise", supervise)
-    assert main(["run", "--config", str(file), "part:=demo_nut", "--ros-args", "-r", "/a:=/b"]) == 0
+    assert main(["run", "--config", str(file), "part:=demo_nut", "--ros-args", "-r",
+                 "/a:=/b"]) == 0
     assert main(["run", "--config", str(file), "--ros-args", "-r", "__ns:=/cell1"]) == 0
     (read, remaps), (elsewhere, _) = started
     assert remaps == ["-r", "/a:=/b"]
