@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stack_counter.cli.common import add_config_argument, require_bag
-from stack_counter.config import Config, CounterConfig, build_section, load_config, setting_choices
+from stack_counter.config import Config, CounterConfig, build_section, load_config
 from stack_counter.container.catalogue import configured_container
 from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError
@@ -49,7 +49,7 @@ def add_replay(commands: argparse._SubParsersAction) -> None:
     replay.add_argument("--rate", type=float, default=0.0, metavar="X",
                         help="speed of the recording's clock; default: as fast as possible")
     replay.add_argument("--confidence", type=float, metavar="P", help="of the interval, e.g. 0.9")
-    estimators = setting_choices(CounterConfig, "estimator")
+    estimators = CounterConfig.__dataclass_fields__["estimator"].metadata["choices"]
     replay.add_argument("--estimator", metavar="NAME",
                         help=f"what estimates gamma: {', '.join(estimators)}")
     replay.add_argument("--weights", type=Path, metavar="PATH", help="its weights (safetensors)")
