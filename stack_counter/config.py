@@ -235,11 +235,6 @@ def build_section(section: type[Section], values: dict[str, Any]) -> Section:
     return section(**checked)
 
 
-def setting_choices(section: type, name: str) -> tuple[str, ...]:
-    """The values that a setting of a node's section may take; empty where any will do."""
-    return {f.name: f for f in dataclasses.fields(section)}[name].metadata["choices"]
-
-
 def _check_value(setting: dataclasses.Field, value: Any) -> Any:
     default, meta = setting.default, setting.metadata
     if isinstance(default, tuple):

@@ -182,7 +182,7 @@ def test_a_violation_is_noticed(path, line):
 @pytest.mark.parametrize("path, line", [
     ("fusion/tsdf.py", "import numpy, open3d\nfrom stack_counter.types import View"),
     ("bag/reader.py", "import mcap.reader\nfrom stack_counter.errors import BagError"),
-    ("ros/player.py", "import rclpy\nfrom std_srvs.srv import Trigger\nfrom .qos import LATCHED"),
+    ("ros/player.py", "import rclpy\nfrom std_srvs.srv import Trigger\nfrom .qos import RELIABLE"),
     ("nodes/counter.py", "import rclpy\nfrom stack_counter.ros import qos"),
     ("nodes/scan_recording.py", "from stack_counter.bag.recorder import Recorder"),
     ("sim/report.py", "import sapien\nfrom stack_counter.sim.shapes import make_shape"),

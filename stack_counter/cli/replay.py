@@ -18,7 +18,7 @@ from stack_counter.cli.common import (
     chosen_time_range,
     require_bag,
 )
-from stack_counter.config import Config, CounterConfig, build_section, load_config, setting_choices
+from stack_counter.config import Config, CounterConfig, build_section, load_config
 from stack_counter.container.catalogue import configured_container
 from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError
@@ -56,7 +56,7 @@ def add_replay(commands: argparse._SubParsersAction) -> None:
                         help="speed of the recording's clock; default: as fast as possible")
     add_time_arguments(replay)
     replay.add_argument("--confidence", type=float, metavar="P", help="of the interval, e.g. 0.9")
-    estimators = setting_choices(CounterConfig, "estimator")
+    estimators = CounterConfig.__dataclass_fields__["estimator"].metadata["choices"]
     replay.add_argument("--estimator", metavar="NAME",
                         help=f"what estimates gamma: {', '.join(estimators)}")
     replay.add_argument("--weights", type=Path, metavar="PATH", help="its weights (safetensors)")

@@ -10,19 +10,16 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 # Reliable everywhere: best effort loses images even on one machine.
 RELIABLE = QoSProfile(depth=100, history=HistoryPolicy.KEEP_LAST,
                       reliability=ReliabilityPolicy.RELIABLE)
-# Latched topics give their last messages to whoever subscribes later. Deep enough that a running
-# volume of the continuous mode is not overwritten before it is delivered.
-LATCHED = QoSProfile(depth=20, history=HistoryPolicy.KEEP_LAST,
-                     reliability=ReliabilityPolicy.RELIABLE,
-                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Depth at which a running volume of the continuous mode is not overwritten before it is delivered.
+_RUNNING_DEPTH = 20
 
 
 def latched(regions: int) -> QoSProfile:
     """Returns the profile of a latched topic with a message for each of so many named regions.
 
-    Whoever comes late gets those of all regions.
+    It gives its last messages to whoever subscribes later: those of all regions.
     """
-    return QoSProfile(depth=max(LATCHED.depth, 2 * regions),
+    return QoSProfile(depth=max(_RUNNING_DEPTH, 2 * regions),
                       durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
