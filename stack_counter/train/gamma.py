@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from pathlib import Path
 
 import cv2
@@ -20,7 +21,12 @@ from stack_counter.occupancy.checkpoint import make_net
 from stack_counter.train.data.batches import FOLDS, assign_folds
 from stack_counter.train.data.fused import read_scans
 from stack_counter.train.data.heights import Sample, load_samples
-from stack_counter.train.member import TrainConfig, TrainingData, train_member
+from stack_counter.train.member import (
+    TrainConfig,
+    TrainingData,
+    read_checkpoint,
+    train_member,
+)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -56,7 +62,8 @@ def train_fold(options: argparse.Namespace, number: int) -> None:
     torch.manual_seed(options.seed)
     net = make_net(options.encoder, options.encoder_weights)
     train_member(net, data.select(learnt), data.select(fold_by_sample == number), config,
-                 options.out / f"member_{number}.pt")
+                 options.out / f"member_{number}.pt",
+                 cores=max((os.cpu_count() or 1) // options.workers, 1))
 
 
 def load_data(options: argparse.Namespace) -> TrainingData:
@@ -94,7 +101,7 @@ def plot_curves(folder: Path) -> None:
 
     figure, axes = pyplot.subplots(1, 2, figsize=(9, 3.2))
     for path in sorted(folder.glob("member_*.pt")):
-        history = torch.load(path, weights_only=True)["history"]
+        history = read_checkpoint(path)["history"]
         axes[0].plot([line["loss"] for line in history], label=path.stem)
         axes[1].plot([line["mae"] for line in history], label=path.stem)
     for axis, title in zip(axes, ("training loss", "gamma MAE, families left out")):
