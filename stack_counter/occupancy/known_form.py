@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is known of a part's form beside v, as numbers that the gamma-network reads.
 
-There are three levels: v alone, v and the outer dimensions, and a mesh. Lengths are in part lengths,
-v**(1/3), as in the network's maps; v over the box of the outer dimensions is the reciprocal of their
-product.
+There are three levels: v alone, v and the outer dimensions, and a mesh. Lengths are in part
+lengths, v**(1/3), as in the network's maps; v over the box of the outer dimensions is the
+reciprocal of their product.
 """
 
 from __future__ import annotations
