@@ -31,7 +31,7 @@ from stack_counter.sim.scenes.scene import Scene, SceneError
 from stack_counter.sim.scenes.shards import read_scenes, read_shard
 from stack_counter.sim.scenes.truth import Truth
 from stack_counter.sim.shapes import Shape, ShapeError, make_shape, shape_from_mesh
-from stack_counter.sim.shapes.library import load_shapes
+from stack_counter.sim.shapes.library import load_shapes, source_of
 
 __all__ = [
     "FRICTION",
@@ -68,4 +68,5 @@ __all__ = [
     "remove_parts",
     "shape_from_mesh",
     "simulate_pile",
+    "source_of",
 ]
