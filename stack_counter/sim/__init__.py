@@ -31,7 +31,7 @@ from stack_counter.sim.scenes.scene import Scene, SceneError
 from stack_counter.sim.scenes.shards import read_scenes, read_shard
 from stack_counter.sim.scenes.truth import Truth
 from stack_counter.sim.shapes import Shape, ShapeError, make_shape, shape_from_mesh
-from stack_counter.sim.shapes.library import load_shapes
+from stack_counter.sim.shapes.library import load_shapes, source_of
 from stack_counter.sim.shapes.simplify import simplify_solid
 
 __all__ = [
@@ -70,4 +70,5 @@ __all__ = [
     "shape_from_mesh",
     "simplify_solid",
     "simulate_pile",
+    "source_of",
 ]
