@@ -33,6 +33,7 @@ from stack_counter.bag.nerfstudio.stacking import (
 )
 from stack_counter.bag.nerfstudio.transforms import (
     Frame,
+    key_of_colmap,
     position_scale,
     read_frames,
     read_intrinsics,
@@ -194,15 +195,15 @@ def _check_scale(scene: Path, found: list[tuple[Frame, _Files]], facts: SceneFac
         BagError: nothing says so.
     """
     first, files = found[0]
-    if "colmap_im_id" not in first or "applied_scale" in first or facts.unit_volume_cm3:
+    if not key_of_colmap(first) or "applied_scale" in first or facts.unit_volume_cm3:
         return
     if files.depth is not None:
         view, _ = next(_read_views(found[:1]))
         if np.mean(np.asarray(view.depth) > 0) >= SETTINGS.dense_share:
             return
-    raise BagError(f"{scene}: the poses are COLMAP's (colmap_im_id), whose unit is any length; "
-                   "expected applied_scale in transforms.json: a length in their unit over the "
-                   "same length in metres, 1.0 where they are metres")
+    raise BagError(f"{scene}: the poses are COLMAP's ({key_of_colmap(first)}), whose unit is any "
+                   "length; expected applied_scale in transforms.json: a length in their unit "
+                   "over the same length in metres, 1.0 where they are metres")
 
 
 def _read_views(found: list[tuple[Frame, _Files]]) -> Iterator[tuple[View, bytes]]:

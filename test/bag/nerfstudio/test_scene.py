@@ -135,9 +135,17 @@ def test_a_mask_is_not_carved_by(tmp_path):
     assert carve_visual_hull(views, 0.01, 0.5).volume >= whole
 
 
-def test_poses_of_colmap_must_state_their_scale(tmp_path):
-    keys = {"colmap_im_id": 1}
-    with pytest.raises(BagError, match="COLMAP's .* expected applied_scale"):
+def test_depth_is_found_by_the_keys_of_instant_ngp(tmp_path):
+    scene = make_scene(tmp_path / "scene", {"depth_path": "d/{}.png"}, integer_depth_scale=1e-4)
+    add_images(scene, "d", np.full((120, 160), 5000, np.uint16))
+    assert "3 with depth" in import_scene(scene, tmp_path / "out")
+    assert np.allclose(views_of(tmp_path / "out")[0].depth, 0.5)
+
+
+@pytest.mark.parametrize("key", ["colmap_im_id", "sharpness"])
+def test_poses_of_colmap_must_state_their_scale(tmp_path, key):
+    keys = {key: 1}
+    with pytest.raises(BagError, match=f"COLMAP's .{key}.* expected applied_scale"):
         import_scene(make_scene(tmp_path / "scene", keys), tmp_path / "out")
     said = import_scene(make_scene(tmp_path / "scaled", keys, applied_scale=2.0),
                         tmp_path / "out_scaled")
