@@ -112,7 +112,7 @@ def examine_bag(path: Path, config: Config, time_range: TimeRange = WHOLE_BAG
     lines = [f"bag      {path}: {seconds:.1f} s, {reader.size / 1e6:.1f} MB, "
              f"{len(reader.topics)} topics"]
     try:
-        rig = fit_rig_to_bag(load_rig(config.collector), reader.topics)
+        rig = fit_rig_to_bag(load_rig(config.collector), reader.topics, reader.frame_of)
     except BagError as error:
         return lines, [*_truncated(reader, True), camera_finding(reader.topics, error)]
     check, parts = check_bag(reader, RigAssembler(rig, live=False))
