@@ -39,6 +39,7 @@ from stack_counter.bag.nerfstudio.transforms import (
     read_frames,
     read_intrinsics,
     read_pose,
+    stated_size,
 )
 from stack_counter.bag.writer import write_bag
 from stack_counter.errors import BagError
@@ -225,7 +226,7 @@ def _read_views(found: list[tuple[Frame, _Files]], turn: np.ndarray = np.eye(4)
         BagError: an image or a calibration cannot be used.
     """
     for number, (frame, files) in enumerate(found, 1):
-        jpeg, size = read_jpeg(files.picture)
+        jpeg, size = read_jpeg(files.picture, stated_size(frame))
         view = View(number * SETTINGS.step_ns, read_intrinsics(frame, *size),
                     turn @ read_pose(frame), camera=_FRAME, labels=_read_labels(files, size))
         if files.depth is not None:

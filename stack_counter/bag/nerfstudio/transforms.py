@@ -114,6 +114,19 @@ def read_pose(frame: Frame) -> np.ndarray:
     return T @ _T_CAMERA_OPTICAL
 
 
+def stated_size(frame: Frame) -> tuple[int, int] | None:
+    """Width and height that a picture's calibration is for, pixels; None: it does not say.
+
+    Raises:
+        BagError: they are no numbers.
+    """
+    try:
+        return (int(frame["w"]), int(frame["h"])) if "w" in frame and "h" in frame else None
+    except (TypeError, ValueError) as error:
+        raise BagError(f"w or h of {frame['file_path']} is malformed ({error}); expected pixels"
+                       ) from error
+
+
 def read_intrinsics(frame: Frame, width: int, height: int) -> Intrinsics:
     """Calibration of a picture of this size, pixels.
 
@@ -124,11 +137,12 @@ def read_intrinsics(frame: Frame, width: int, height: int) -> Intrinsics:
     name = frame["file_path"]
     model = _distortion_model(frame)
     try:
-        stated = int(frame.get("w", width)), int(frame.get("h", height))
+        stated = stated_size(frame) or (width, height)
         if stated != (width, height):
             raise BagError(f"{name} is {width}x{height} and transforms.json says "
                            f"{stated[0]}x{stated[1]}; expected alike: a calibration holds for "
-                           "one size")
+                           "one size, so take pictures of that, or scale w, h, fl_x, fl_y, cx "
+                           "and cy with them")
         fx = _focal_length(frame, "x", width)
         fy = _focal_length(frame, "y", height) or fx
         if not fx or not fy:
