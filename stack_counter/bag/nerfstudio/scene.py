@@ -34,6 +34,7 @@ from stack_counter.bag.nerfstudio.stacking import (
 )
 from stack_counter.bag.nerfstudio.transforms import (
     Frame,
+    depth_unit,
     key_of_colmap,
     position_scale,
     read_frames,
@@ -230,11 +231,25 @@ def _read_views(found: list[tuple[Frame, _Files]], turn: np.ndarray = np.eye(4)
         view = View(number * SETTINGS.step_ns, read_intrinsics(frame, *size),
                     turn @ read_pose(frame), camera=_FRAME, labels=_read_labels(files, size))
         if files.depth is not None:
-            view = replace(view, depth=read_depth(files.depth, size,
-                                                  frame.get("depth_unit_scale_factor")))
+            view = replace(view, depth=_read_depth(frame, files.depth, size))
         if files.mask is not None:
             view = _leave_out(view, read_mask(files.mask, size))
         yield view, jpeg
+
+
+def _read_depth(frame: Frame, path: Path, size: tuple[int, int]) -> np.ndarray:
+    """(h, w) float32 depth of a picture, metres.
+
+    Raises:
+        BagError: it cannot be used.
+    """
+    try:
+        return read_depth(path, size, depth_unit(frame))
+    except BagError as error:
+        if folder := frame.get(_UNNAMED):
+            raise BagError(f"{error}; rename {folder}/, which transforms.json does not name, if "
+                           "it holds no depth") from error
+        raise
 
 
 def _read_labels(files: _Files, size: tuple[int, int]) -> np.ndarray | None:

@@ -46,7 +46,7 @@ def read_frames(scene: Path) -> list[Frame]:
         document = json.loads(path.read_text())
         common = {key: value for key, value in document.items() if key != "frames"}
         frames = [_renamed({**common, **frame}) for frame in document["frames"]]
-        return sorted(frames, key=lambda frame: str(frame["file_path"]))
+        return sorted(frames, key=lambda frame: frame["file_path"])
     except (FileNotFoundError, NotADirectoryError) as error:
         others = sorted(other.name for other in scene.glob("transforms*.json"))
         raise BagError(f"no transforms.json in {scene}; expected a nerfstudio scene"
@@ -59,7 +59,7 @@ def read_frames(scene: Path) -> list[Frame]:
 def _renamed(frame: Frame) -> Frame:
     """The keys of a picture with those of Instant NGP under nerfstudio's names."""
     return {**{name: frame[other] for other, name in _OTHER_NAMES.items() if other in frame},
-            **frame}
+            **frame, "file_path": str(frame["file_path"]).replace("\\", "/")}
 
 
 def position_scale(frame: Frame) -> float:
@@ -125,6 +125,20 @@ def stated_size(frame: Frame) -> tuple[int, int] | None:
     except (TypeError, ValueError) as error:
         raise BagError(f"w or h of {frame['file_path']} is malformed ({error}); expected pixels"
                        ) from error
+
+
+def depth_unit(frame: Frame) -> float | None:
+    """Metres in one step of a picture's depth; None where the frame does not say.
+
+    Raises:
+        BagError: it is no number.
+    """
+    unit = frame.get("depth_unit_scale_factor")
+    try:
+        return None if unit is None else float(unit)
+    except (TypeError, ValueError) as error:
+        raise BagError(f"depth_unit_scale_factor is {unit!r}; expected metres in one step of "
+                       "depth") from error
 
 
 def read_intrinsics(frame: Frame, width: int, height: int) -> Intrinsics:

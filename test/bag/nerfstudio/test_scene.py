@@ -102,6 +102,16 @@ def test_depth_is_used_and_masked_by_masks(tmp_path, keys):
         assert not view.depth[:40].any() and np.allclose(view.depth[40:], 0.5)
 
 
+def test_a_folder_called_depth_that_holds_none_is_named(tmp_path):
+    scene = add_images(make_scene(tmp_path / "scene"), "depth", np.zeros((120, 160, 3), np.uint8))
+    with pytest.raises(BagError, match="expected one channel .*; rename depth/, which"):
+        import_scene(scene, tmp_path / "out")
+    keys = {"depth_file_path": "depth/{}.png", "depth_unit_scale_factor": "mm"}
+    with pytest.raises(BagError, match="depth_unit_scale_factor is 'mm'; expected metres"):
+        import_scene(add_images(make_scene(tmp_path / "b", keys), "depth",
+                                np.full((120, 160), 500, np.uint16)), tmp_path / "out")
+
+
 def test_what_a_mask_leaves_out_has_no_label_and_gets_none_by_prompts(tmp_path):
     mask = np.full((120, 160), 255, np.uint8)
     mask[:40] = 0
