@@ -66,7 +66,8 @@ def _listed_recordings(folder: Path) -> list[Path]:
     missing = [name for name, path in zip(names, paths) if path is None]
     if missing or not names:
         raise BagError(f"{folder} lacks {', '.join(missing) or 'any file'}, named in its "
-                       "metadata.yaml")
+                       f"{_METADATA}; expected all: copy what is missing there, or name a file, "
+                       f"or remove {_METADATA} to read what is left")
     return [path for path in paths if path is not None]
 
 
@@ -85,5 +86,6 @@ def _read_metadata(folder: Path) -> dict[str, Any]:
         information["relative_file_paths"] = list(map(str, information["relative_file_paths"]))
         return information
     except (yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, AttributeError) as error:
-        raise BagError(f"{path} is not a rosbag2 metadata file: {str(error).splitlines()[0]}"
-                       ) from error
+        raise BagError(f"{path} is not a rosbag2 metadata file: {str(error).splitlines()[0]}; "
+                       "expected what a recorder writes: remove it, the recordings are read "
+                       "without") from error

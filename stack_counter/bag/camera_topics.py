@@ -29,6 +29,11 @@ from stack_counter.views.rig import Rig
 from stack_counter.views.rig_assembler import RigAssembler
 
 LABELS_TOPIC = "/camera/labels"
+# By setting, types of the messages on its topic: the last part of their names.
+_IMAGES = ("Image", "CompressedImage")
+_TYPES_OF = {"color_topic": _IMAGES, "camera_info_topic": ("CameraInfo",), "depth_topic": _IMAGES,
+             "depth_camera_info_topic": ("CameraInfo",), "labels_topic": ("Image",),
+             "pose_topic": ("PoseStamped",), "joint_states_topic": ("JointState",)}
 # Gives the camera frame that a topic's images name, empty where it is not known.
 FrameOf = Callable[[str], str]
 
@@ -139,8 +144,29 @@ def fit_rig_to_bag(rig: Rig, topics: dict[str, tuple[str, int]], frame_of: Frame
         frame_of: depth that is found, and is in the frame of colour, needs no /tf_static.
 
     Raises:
-        BagError: the bag has no colour images of any camera.
+        BagError: the bag has no colour images of any camera, or other messages on a topic than
+            are expected there.
     """
+    fitted = _fit_cameras(rig, topics, frame_of)
+    for name, expected in _TYPES_OF.items():
+        for topic in (getattr(camera.config, name) for camera in fitted.cameras):
+            _check_type(topic, topics, expected, f"set {name}")
+    for topic in ("/tf", "/tf_static"):
+        _check_type(topic, topics, ("TFMessage",), "record the transforms there")
+    return fitted
+
+
+def _check_type(topic: str, topics: dict[str, tuple[str, int]], expected: tuple[str, ...],
+                remedy: str) -> None:
+    """Raises BagError: the messages on a topic are of another type."""
+    kind = topics.get(topic, (expected[0], 0))[0]
+    if kind.rpartition("/")[2] not in expected:
+        raise BagError(f"{topic} is of type {kind or 'unknown'}; expected "
+                       f"{' or '.join(expected)}: {remedy}")
+
+
+def _fit_cameras(rig: Rig, topics: dict[str, tuple[str, int]], frame_of: FrameOf) -> Rig:
+    """The rig of `fit_rig_to_bag`, unchecked."""
     if len(rig.cameras) == 1:
         camera = rig.cameras[0]
         fitted = fit_camera_to_bag(camera.config, topics, frame_of)

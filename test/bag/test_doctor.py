@@ -142,6 +142,16 @@ def test_a_bag_cut_short_is_named_first(tmp_path):
     assert cause_first(findings)[0].text == "the bag is cut short"
 
 
+def test_a_far_floor_around_the_bin_stops_nothing(tmp_path):
+    def half_far(view):
+        depth = depth_mm(view)
+        depth[:, :depth.shape[1] * 6 // 10] = 5000
+        return depth, "16UC1"
+
+    _, (finding,) = examine_bag(write(tmp_path / "bag", depth_image(half_far)), Config())
+    assert finding.severity == Severity.HARMS and "farther than 5 m" in finding.text
+
+
 def test_a_good_bag_has_no_finding(tmp_path):
     lines, findings = examine_bag(write(tmp_path / "bag", messages()), Config())
     assert findings == [] and "nothing to change" in advice_lines(findings)[0]

@@ -157,6 +157,8 @@ REFUSED = {
         "expected 160x120", "set depth_topic"),
     "depth of another time": (changed(DEPTH, header=header(0)), "depth for colour at .*: none",
                               "expected within 5.0 ms", "sync_tolerance_s"),
+    "images of no frame": (changed(COLOR, header=header(10**9, "")), "images name no frame",
+                           "expected a chain", "set their frame_id"),
     "an empty calibration": (changed(INFO, k=np.zeros(9)), "fx 0.0, fy 0.0",
                              "expected finite numbers", "calibrate"),
     "a lens of no model": (changed(INFO, distortion_model="fov"), "distortion model 'fov'",
