@@ -198,7 +198,7 @@ class ViewAssembler:
         try:
             T = decode(pose)
         except ViewError as error:
-            self._log_first(error)
+            self._log_first(error.on(child))
             return
         self._transforms.add_transform(decoding.stamp_ns(header.stamp),
                                        header.frame_id.lstrip("/"), child.lstrip("/"), T, static)

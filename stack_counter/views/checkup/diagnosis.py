@@ -74,8 +74,9 @@ def diagnose(check: Checkup, min_views: int, reconstructor: ReconstructorConfig,
         Of equal severity in the order in which a view needs its parts.
     """
     few, has_prompts = check.assembler.tally.used < min_views, bool(reconstructor.prompts)
-    findings = [*_silent_streams(check), *_frame_findings(check), *_clock_findings(check, few),
-                *_skipped_views(check, few), *_missing_depth(check, has_prompts, left_out),
+    findings = [*_silent_streams(check), *_frame_findings(check), *_bad_poses(check, few),
+                *_clock_findings(check, few), *_skipped_views(check, few),
+                *_missing_depth(check, has_prompts, left_out),
                 *_depth_findings(check, few, reconstructor), *_blur_findings(check)]
     return findings if stops_count(findings) else [*findings, *_few_views(check, min_views)]
 
@@ -105,6 +106,14 @@ def _frame_findings(check: Checkup) -> list[Finding]:
                     f"world_frame '{world}'{known}",
                     f"set world_frame to '{chain[0]}' if its z axis points up, or publish a "
                     f"transform from '{world}' to '{chain[0]}'")]
+
+
+def _bad_poses(check: Checkup, few: bool) -> list[Finding]:
+    """Transforms or poses that were dropped: they are none."""
+    lines = [a.last_error["bad_pose"] for a in check.assembler.assemblers.values()
+             if "bad_pose" in a.last_error]
+    return [Finding(Severity.STOPS if few else Severity.HARMS, line, _REMEDIES["bad_pose"])
+            for line in lines[:1]]  # all cameras hear the same transforms
 
 
 def _skipped_views(check: Checkup, few: bool) -> list[Finding]:
