@@ -39,7 +39,7 @@ from stack_counter.errors import (
 )
 from stack_counter.eval.arguments import ADD_ARGUMENTS
 from stack_counter.files import config_path
-from stack_counter.train.arguments import add_arguments as add_train_arguments
+from stack_counter.train.arguments import add_train_arguments
 
 _USAGE, _NO_COUNT, _INTERRUPTED = 2, 3, 130
 _EVALUATIONS = {

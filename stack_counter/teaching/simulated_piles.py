@@ -78,10 +78,16 @@ class PileScan:
 
 @dataclass(frozen=True)
 class Pile:
-    """A pile seen in an arc of views, and in one from above; None where that scan is refused."""
+    """A pile seen in an arc of views, and in one from above.
+
+    Attributes:
+        arc, above: what each shows; None where that scan is refused, or no try came to rest.
+        failed_tries: what was wrong with the tries before, a few words each.
+    """
 
     arc: PileScan | None
     above: PileScan | None
+    failed_tries: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
