@@ -19,8 +19,8 @@ from stack_counter.sim.hard.kinds import HARD_KINDS, hard_kind, make_hard_scan
 from stack_counter.sim.hard.piles import read_piles
 from stack_counter.sim.hard.scan import HardScan
 from stack_counter.sim.ideal import IdealSurface, ideal_surface
-from stack_counter.sim.physics.container_draws import draw_deep_container
 from stack_counter.sim.physics.collision import convex_pieces
+from stack_counter.sim.physics.container_draws import draw_deep_container
 from stack_counter.sim.physics.decomposition.form import PieceForm, measure_form
 from stack_counter.sim.physics.drop import simulate_pile
 from stack_counter.sim.physics.plans import FRICTION, draw_plan_in_container
