@@ -15,7 +15,7 @@ def test_the_figures_of_three_solids():
         PartCheck(2, "c", refused="c: no solid")])
     assert "1 of 3 solids taken (33.3%), 1 refused" in table
     assert "51 for 16 piles, 26 at most for a solid; 45 unsettled, 6 penetration" in table
-    assert "fullness: median 1.35, 95% 1.49, most 1.5" in table
+    assert "fullness: median 1.35, 95% 1.48, most 1.5" in table
 
 
 def test_the_pieces_of_a_solid_and_one_that_is_none(tmp_path, monkeypatch):
