@@ -48,6 +48,7 @@ _EVALUATIONS = {
     "live": "of the running count while parts are taken out",
     "robustness": "of counts of scans made hard on purpose: right, honest or wrong without a word",
     "parts": "of counts where the part's CAD file or a counted bin is known",
+    "acceptance": "which solids of a library `part add` takes",
     "template": "of v from pieces on a table",
     "volume": "of V and the container",
     "labels": "of the labels that segmenters give",
