@@ -44,7 +44,8 @@ class EngineSettings:
         convex_contacts: of parts of one piece. With 16 iterations piles come to rest no sooner,
             and 8 keep the overlap below the limit; from nearer contacts cubes creep.
         pieces_contacts: of parts of several pieces. Their walls are thin, and from 0.04 pieces
-            of both sides of a wall would make contacts: 1.2 to 1.6 times the time, the same gamma within 3%.
+            of both sides of a wall would make contacts: 1.2 to 1.6 times the time, the same
+            gamma within 3%.
         falling_damping, resting_damping: linear and angular damping per second while parts fall,
             and once they have landed: what still rolls has rolling friction in a real cell.
         spacing: distance of dropped parts, in their largest radius.
