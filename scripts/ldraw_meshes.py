@@ -27,9 +27,15 @@ _UPRIGHT = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 
 
 def read_triangles(library: Path, name: str) -> np.ndarray:
-    """(n, 3, 3) triangles of a file and all that it refers to, LDraw units."""
+    """(n, 3, 3) triangles of a file and all that it refers to, LDraw units.
+
+    Raises:
+        FileNotFoundError: the library lacks one of them.
+    """
     name = name.replace("\\", "/").lower()
-    path = next(p for p in (library / folder / name for folder in ("parts", "p")) if p.exists())
+    path = library / "parts" / name
+    if not path.exists():
+        path = library / "p" / name
     found = [np.empty((0, 3, 3))]
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
         words = line.split(maxsplit=14)
@@ -63,7 +69,11 @@ def main(library: Path, out: Path, step: int = 5) -> None:
     rows = []
     for path in progress(sorted((library / "parts").glob("*.dat"))[::step], "LDraw", "parts"):
         if header := read_header(path):
-            corners = (read_triangles(library, path.name) @ _UPRIGHT.T).reshape(-1, 3)
+            try:
+                corners = (read_triangles(library, path.name) @ _UPRIGHT.T).reshape(-1, 3)
+            except (FileNotFoundError, ValueError) as error:  # incomplete, or no numbers
+                print(f"left out {path.name}: {error}")
+                continue
             mesh = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
             mesh.export(out / f"{path.stem}.stl")
             rows.append({"file": f"{path.stem}.stl", **header})

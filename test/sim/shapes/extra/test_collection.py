@@ -95,13 +95,14 @@ def test_ldraw_parts_become_meshes_with_their_origin(tmp_path):
                                  "3 16 0 0 0 10 24 0 10 24 10\n")
     (parts / "2.dat").write_text(header.replace("Brick", "~Moved to 1"))
     (parts / "3.dat").write_text("0 Brick without a licence\n3 16 0 0 0 1 0 0 0 1 0\n")
+    (parts / "4.dat").write_text(header + "1 16 0 0 0 1 0 0 0 1 0 0 0 1 lost.dat\n")
     script = runpy.run_path(str(SCRIPTS / "ldraw_meshes.py"))
     script["main"](tmp_path / "ld", tmp_path / "out", 1)
     assert (tmp_path / "out/table.csv").read_text().splitlines()[1:] == [
         "1.stl,LDraw,CC BY 4.0,Brick,Ann [ann],0.4"]
     mesh = trimesh.load(tmp_path / "out/1.stl")
     assert len(mesh.faces) == 5 and mesh.extents.tolist() == [20, 20, 24]
-    assert not list((tmp_path / "out").glob("[23].stl"))
+    assert not list((tmp_path / "out").glob("[234].stl"))
 
 
 def test_what_a_collection_says_of_its_solids_stays_with_them(tmp_path):
