@@ -13,8 +13,9 @@ line for each, with the columns
     author       whom to credit; may be empty
     mm_per_unit  1 for millimetres, 1000 for STEP, which is read in metres; empty: size unknown
 
-Bodies that touch are fused. What is then no single closed body is refused, one line each, and so
-are doubles. OUT.json, beside OUT.npz, keeps the origins.
+Bodies that touch are fused; a mesh that is not closed is replaced by its outer skin. What is then
+no single closed body is refused, one line each, and so are doubles. OUT.json, beside OUT.npz,
+keeps the origins.
 """
 
 from __future__ import annotations

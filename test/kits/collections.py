@@ -3,7 +3,6 @@
 
 import numpy as np
 import trimesh
-from manifold3d import Manifold
 
 from stack_counter.sim.shapes.extra.collection import Origin, solidify, write_collection
 
@@ -17,14 +16,8 @@ SOLIDS = {  # origin: mesh, millimetres of its unit
 }
 
 
-def as_mesh(solid: Manifold) -> trimesh.Trimesh:
-    """A manifold as a mesh."""
-    raw = solid.to_mesh64()
-    return trimesh.Trimesh(raw.vert_properties[:, :3], raw.tri_verts)
-
-
 def make_collection(path):
     """Writes the collection and returns its solids."""
-    solids = [solidify(mesh, origin, mm) for origin, (mesh, mm) in SOLIDS.items()]
+    solids = [solidify(mesh.copy(), origin, mm) for origin, (mesh, mm) in SOLIDS.items()]
     write_collection(path, solids)
     return solids

@@ -23,8 +23,8 @@ from stack_counter.sim.shapes import FAMILIES, Shape, make_shape
 # Scenes of one part come one after the other: its convex pieces are made once.
 SCENES_PER_SHAPE = 3
 SCENES_PER_RIG = 9
-# Most convex pieces in a scene: 200 parts of 24 pieces settle in some 10 s.
-_MAX_PIECES = 5000
+# Most convex pieces in a scene: 300 parts of 24 pieces settle in some 15 s.
+_MAX_PIECES = 7500
 PLANS: dict[str, Callable[[np.random.Generator, Shape, int], PilePlan]] = {
     "shallow": draw_shallow_plan, "deep": draw_deep_plan, "mixed": draw_mixed_plan,
     "box": draw_box_plan}

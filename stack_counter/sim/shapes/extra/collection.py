@@ -23,6 +23,7 @@ import numpy as np
 import trimesh
 from manifold3d import Error, Manifold, Mesh, OpType
 
+from stack_counter.sim.shapes.extra.skin import make_skin
 from stack_counter.sim.shapes.shape import ShapeError, shape_from_mesh
 
 _SCALE = 1 / 65534  # of the format: 16 bits for a side of 1
@@ -94,18 +95,22 @@ class CollectedSolid:
 def solidify(mesh: trimesh.Trimesh, origin: Origin, mm_per_unit: float) -> CollectedSolid:
     """Fuses a mesh's bodies to one solid, simplifies it, centres it and scales it to 1.
 
+    A mesh that is not closed is replaced by its outer skin.
+
     Args:
         mesh: in any unit.
         origin: where it comes from.
         mm_per_unit: millimetres of the mesh's unit; NaN if its real size is unknown.
 
     Raises:
-        ShapeError: a body is not closed, or they are not one body.
+        ShapeError: it is not one body.
     """
-    whole = fuse_bodies(mesh)
-    low, high = np.split(np.array(whole.bounding_box()), 2)
-    size = float((high - low).max())
-    coarse = simplify(whole, SETTINGS.max_faces, SETTINGS.tolerances).to_mesh64()
+    size = float(mesh.extents.max())
+    try:
+        whole = simplify(fuse_bodies(mesh), SETTINGS.max_faces, SETTINGS.tolerances)
+    except ShapeError:
+        whole = make_skin(mesh, SETTINGS.max_faces)
+    coarse = whole.to_mesh64()
     vertices = np.asarray(coarse.vert_properties)[:, :3]
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     rounded = np.round((vertices - (low + high) / 2) / (high - low).max() / _SCALE)
@@ -128,7 +133,7 @@ def fuse_bodies(mesh: trimesh.Trimesh) -> Manifold:
     mesh.update_faces(mesh.nondegenerate_faces())
     bodies = []
     for body in mesh.split(only_watertight=False):
-        if body.volume < 0:
+        if body.is_watertight and body.volume < 0:
             body.invert()
         bodies.append(Manifold(Mesh(body.vertices.astype(np.float32),
                                     body.faces.astype(np.uint32))))
