@@ -2,7 +2,7 @@
 """Convex pieces for the physics: a hull for convex parts, a decomposition for the others.
 
 Hulls alone make concave parts stand too loose: they cannot nest. By how much,
-`python -m stack_counter.sim.theory` prints.
+`python -m stack_counter.sim.reality` prints.
 """
 
 from __future__ import annotations
