@@ -15,15 +15,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from stack_counter.sim.reality import nesting
 from stack_counter.sim.reality.experiments import EXPERIMENTS
 from stack_counter.sim.reality.plot import draw_plot
-from stack_counter.sim.reality.run import run_experiments
+from stack_counter.sim.reality.run import run_comparisons, run_experiments
 from stack_counter.sim.reality.table import markdown_table, summarize, write_into_page
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the experiments and prints a row for each, then hulls against decompositions."""
+    """Runs the experiments and the comparisons, prints them and writes the page."""
     options = _parse(arguments)
     chosen = [i for i, experiment in enumerate(EXPERIMENTS) if not options.items
               or any(word.lower() in experiment.name.lower() for word in options.items)]
@@ -31,24 +30,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"no experiment has {options.items} in its name; expected words of "
               f"{', '.join(e.name for e in EXPERIMENTS)}", file=sys.stderr)
         return 2
-    rows = run_experiments(chosen, options.seeds, options.workers)
+    rows = run_experiments(chosen, options.seeds, options.workers, options.friction)
     print("\n".join(summarize(rows)))
-    hulls = [] if options.items else [_nesting_line(family) for family in nesting.SETTINGS.parts]
+    others = [] if options.items else run_comparisons(options.workers)
     if options.page:
         draw_plot(rows, options.page.with_suffix(".png"))
         write_into_page(options.page, "\n".join([
             f"{options.seeds} piles a row.", "", markdown_table(rows), "",
-            *(f"- {line}" for line in [*summarize(rows), *hulls])]))
+            *(f"- {line}" for line in [*summarize(rows), *others])]))
     return 0
-
-
-def _nesting_line(family: str) -> str:
-    """By how much hulls of a family stand higher than decompositions; printed as well."""
-    convexity, excess = nesting.measure_nesting(family)
-    line = f"{family} (convexity {convexity:.2f}): hulls stand {excess:+.1%} higher than " \
-           "decompositions."
-    print(line, flush=True)
-    return line
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -57,6 +47,8 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=3, help="piles of each experiment")
     parser.add_argument("--items", nargs="+", default=[], metavar="WORD",
                         help="only experiments with one of these in their name")
+    parser.add_argument("--friction", type=float,
+                        help="of all piles; by default that of the experiment's pour")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--page", type=Path, help="page whose table, and the plot beside it, are "
                                                   "written anew")

@@ -62,7 +62,7 @@ class Experiment:
     fitted: bool = False
     of_hull: bool = False
     tub: Tub | None = None
-    bodies: int = 500
+    bodies: int = 400
 
     def measured_share(self, shape: Shape) -> float:
         """The published share; a count is multiplied by the volume of the part or its hull."""
@@ -114,12 +114,12 @@ EXPERIMENTS = [
     Experiment("soybean", partial(parts.ellipsoid, "soybean", 6.55, 5.56, 4.53), POURED,
                "Wandkar et al. 2012", 0.60, spread=0.02),
     Experiment("common bean", partial(parts.ellipsoid, "common bean", 17.55, 9.75, 5.83), POURED,
-               "J. Fac. Eng. Uludag, JFAE 11:215", 0.63, spread=0.02),
+               "J. Food Agric. Environ. 11 (2013) 215", 0.63, spread=0.02),
     Experiment("corn kernel", partial(parts.corn_kernel, 9.87, 7.41, 3.25, 0.220 / 1.315e-3),
-               POURED, "Karababa 2007", 0.58),
+               POURED, "Karababa & Coskuner, Int. J. Food Prop. 10 (2007) 549", 0.58),
     # Bulk density 595 kg/m3 at 0.71 cm3 and 0.69 g a kernel; another variety 0.52 to 0.56
     Experiment("almond kernel", partial(parts.almond, 21.19, 14.34, 6.38, 710), POURED,
-               "Aydin 2003; Zheng & Fielke 2014 (0.52 to 0.56)", 0.61, spread=0.07),
+               "Aydin, J. Food Eng. 60 (2003) 315; Zheng & Fielke 2014", 0.61, spread=0.07),
     Experiment("Raschig ring, metal, 25 mm",
                partial(parts.ring_of_volume, "Raschig ring", 25, _RING_25), POURED, _RINGS,
                per_m3=50_000, spread=0.03, of_hull=True, bodies=150),

@@ -45,15 +45,16 @@ class NestingSettings:
 SETTINGS = NestingSettings()
 
 
-def measure_nesting(family: str) -> tuple[float, float]:
-    """Convexity of a concave part, and the relative excess of V by hulls over V by pieces.
+def describe_nesting(family: str) -> str:
+    """A sentence with the part's convexity and the relative excess of V by hulls.
 
     Raises:
         SceneError: no try came to rest.
     """
     shape = make_shape(SETTINGS.parts[family], family)
     exact, hulls = (_stack_volume(shape, decompose) for decompose in (True, False))
-    return shape.convexity, hulls / exact - 1
+    return f"{family} (convexity {shape.convexity:.2f}): a pile of hulls stands " \
+           f"{hulls / exact - 1:+.1%} higher than one of decompositions."
 
 
 def _stack_volume(shape: Shape, decompose: bool) -> float:

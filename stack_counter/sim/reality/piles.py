@@ -82,14 +82,19 @@ def friction_of(pour: str) -> float:
     return {LOOSE: high, DENSE: low}.get(pour, float(np.sqrt(low * high)))
 
 
-def simulate_experiment(experiment: Experiment, seed: int) -> Pile:
+def simulate_experiment(experiment: Experiment, seed: int, friction: float) -> Pile:
     """Pours one pile and measures it.
+
+    Args:
+        experiment: what to pour into what.
+        seed: of the pile.
+        friction: of all contacts.
 
     Raises:
         SceneError: no try came to rest.
     """
     start, shape, last = time.process_time(), experiment.part(), ""
-    plan = plan_experiment(experiment, shape)
+    plan = plan_experiment(experiment, shape, friction)
     stream = zlib.crc32(f"{experiment.name} {experiment.pour}".encode())
     for attempt in range(SETTINGS.max_tries):
         try:
@@ -103,23 +108,28 @@ def simulate_experiment(experiment: Experiment, seed: int) -> Pile:
     raise SceneError(f"{experiment.name}: no try of {SETTINGS.max_tries} came to rest: {last}")
 
 
-def plan_experiment(experiment: Experiment, shape: Shape) -> PilePlan:
+def plan_experiment(experiment: Experiment, shape: Shape, friction: float) -> PilePlan:
     """The vessel and the number of parts: a wide box for values of the bulk."""
-    size, wall = shape.part_size, SETTINGS.wall * shape.part_size
     hull = float(shape.mesh.convex_hull.volume)
     if experiment.tub:
-        tub = experiment.tub
-        depth = tub.depth_m + SETTINGS.overfill * size
-        kind, sides, column = "cylinder", tub.diameter_m, SETTINGS.round_column
+        tub, share = experiment.tub, SETTINGS.round_column
+        depth = tub.depth_m + SETTINGS.overfill * shape.part_size
         count = round(SETTINGS.expected_share * np.pi / 4 * tub.diameter_m**2 * depth / hull)
+        vessel = round_vessel(tub, SETTINGS.freeboard * depth, shape)
     else:
-        count = experiment.bodies
-        sides = (count * hull / SETTINGS.expected_share / SETTINGS.depth) ** (1 / 3)
-        kind, column, depth = "bin", SETTINGS.column, SETTINGS.depth * sides
-    depth *= SETTINGS.freeboard
-    vessel = ContainerShape(kind, np.eye(4), (sides, sides, depth), wall, wall)
-    return PilePlan(shape, vessel, np.array([column, column]) * sides, count,
-                    friction_of(experiment.pour), SETTINGS.restitution)
+        count, share = experiment.bodies, SETTINGS.column
+        side = (count * hull / SETTINGS.expected_share / SETTINGS.depth) ** (1 / 3)
+        depth, wall = SETTINGS.freeboard * SETTINGS.depth * side, SETTINGS.wall * shape.part_size
+        vessel = ContainerShape("bin", np.eye(4), (side, side, depth), wall, wall)
+    column = share * np.array(vessel.inner_size_m[:2])
+    return PilePlan(shape, vessel, column, count, friction, SETTINGS.restitution)
+
+
+def round_vessel(tub: Tub, depth_m: float, shape: Shape) -> ContainerShape:
+    """A tub with walls of any height."""
+    wall = SETTINGS.wall * shape.part_size
+    return ContainerShape("cylinder", np.eye(4), (tub.diameter_m, tub.diameter_m, depth_m), wall,
+                          wall)
 
 
 def measure_bulk(scene: Scene) -> float:

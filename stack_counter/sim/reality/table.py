@@ -12,7 +12,7 @@ import numpy as np
 
 from stack_counter.errors import StackCounterError
 from stack_counter.sim.reality.experiments import Experiment
-from stack_counter.sim.reality.piles import Pile, friction_of
+from stack_counter.sim.reality.piles import Pile
 
 # What stands between these in a page is written anew.
 BEGIN, END = "<!-- reality: begin -->", "<!-- reality: end -->"
@@ -30,12 +30,14 @@ class Row:
     Attributes:
         experiment: what was measured.
         measured: its share of the bulk volume.
+        friction: of all contacts of the piles.
         piles: what the simulated piles gave.
     """
 
     experiment: Experiment
     measured: float
-    piles: Sequence[Pile]
+    friction: float
+    piles: list[Pile]
 
     @property
     def predicted(self) -> float:
@@ -57,7 +59,7 @@ class Row:
         """Texts of the row's cells, as in the head of the table."""
         e = self.experiment
         return (e.name + (" (hulls)" if e.of_hull else ""),
-                f"{e.pour}, {friction_of(e.pour):.2f}", f"{self.measured:.3f} ± {e.spread:.3f}",
+                f"{e.pour}, {self.friction:.2f}", f"{self.measured:.3f} ± {e.spread:.3f}",
                 f"{self.predicted:.3f} ± {self.scatter:.3f}",
                 f"{self.difference:+.3f} ({self.difference / self.measured:+.0%})",
                 "fitted" if e.fitted else "predicted", e.source)

@@ -31,7 +31,7 @@ from stack_counter.sim.scenes.containers import ContainerShape
 
 CUBES = Experiment("cubes", lambda: die("cube"), POURED, "nobody", 0.5, spread=0.02)
 SHARES = (0.52, 0.56)
-ROW = Row(CUBES, 0.5, [Pile(share, 1, 2.0) for share in SHARES])
+ROW = Row(CUBES, 0.5, 0.2, [Pile(share, 1, 2.0) for share in SHARES])
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda e: f"{e.name}, {e.pour}")
@@ -80,7 +80,7 @@ def test_a_tiny_pile_is_the_same_again_and_no_denser_than_crystals():
     pytest.importorskip("sapien", reason="the physics engine has no wheel for this Python")
     balls = Experiment("balls", lambda: ellipsoid("ball", 20, 20, 20), POURED, "nobody", 0.585,
                        bodies=60)
-    first, again = (piles.simulate_experiment(balls, 0) for _ in range(2))
+    first, again = (piles.simulate_experiment(balls, 0, 0.2) for _ in range(2))
     assert first.share == again.share
     assert 0.4 < first.share < 0.741
 
