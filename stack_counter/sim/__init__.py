@@ -32,6 +32,7 @@ from stack_counter.sim.scenes.shards import read_scenes, read_shard
 from stack_counter.sim.scenes.truth import Truth
 from stack_counter.sim.shapes import Shape, ShapeError, make_shape, shape_from_mesh
 from stack_counter.sim.shapes.library import load_shapes
+from stack_counter.sim.shapes.simplify import simplify_solid
 
 __all__ = [
     "FRICTION",
@@ -67,5 +68,6 @@ __all__ = [
     "record_returning_camera",
     "remove_parts",
     "shape_from_mesh",
+    "simplify_solid",
     "simulate_pile",
 ]
