@@ -27,8 +27,8 @@ class RealitySettings:
     Attributes:
         depth: depth of a pile of bulk over its width.
         freeboard: depth of a vessel over that of the pile: nothing is to fall over its rim.
-        expected_share: share of the volume that hulls fill, where a size is chosen for a number
-            of parts, or a number for a tub; no result depends on it.
+        expected_share: most that hulls fill, where a box is chosen for a number of parts, or a
+            number for a tub; of long rods it is what was measured. No result depends on it.
         overfill: height of the parts that a tub holds over its rim before they are struck off.
         margin: what is left out at walls, floor and top where the bulk is measured...
         margin_share: ... and at most this share of the width.
@@ -52,7 +52,7 @@ class RealitySettings:
     round_column: float = 0.7
     wall: float = 0.2
     points: int = 256
-    max_tries: int = 10
+    max_tries: int = 5
 
 
 SETTINGS = RealitySettings()
@@ -118,7 +118,8 @@ def plan_experiment(experiment: Experiment, shape: Shape, friction: float) -> Pi
         vessel = round_vessel(tub, SETTINGS.freeboard * depth, shape)
     else:
         count, share = experiment.bodies, SETTINGS.column
-        side = (count * hull / SETTINGS.expected_share / SETTINGS.depth) ** (1 / 3)
+        filled = min(SETTINGS.expected_share, experiment.measured_share(shape))
+        side = (count * hull / filled / SETTINGS.depth) ** (1 / 3)
         depth, wall = SETTINGS.freeboard * SETTINGS.depth * side, SETTINGS.wall * shape.part_size
         vessel = ContainerShape("bin", np.eye(4), (side, side, depth), wall, wall)
     column = share * np.array(vessel.inner_size_m[:2])
