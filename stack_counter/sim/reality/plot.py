@@ -30,6 +30,6 @@ def draw_plot(rows: Sequence[Row], path: Path) -> None:
         f"{row.experiment.name}, {row.experiment.pour}" for row in rows])
     axes.invert_yaxis()
     axes.grid(axis="x", color="0.85")
-    axes.set(xlabel="share of the bulk volume", title=(
-        "black: measured; filled: predicted, open: fitted; grey: measured ± 0.06"))
+    axes.set(xlabel="share of the bulk volume")
+    figure.suptitle(f"black: measured; filled: predicted; open: fitted; grey: measured ± {GOAL}")
     figure.savefig(path, dpi=90)
