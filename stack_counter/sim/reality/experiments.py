@@ -83,7 +83,7 @@ def _dice() -> list[Experiment]:
     measured = {"tetrahedron": (0.51, 0.64), "cube": (0.54, 0.67), "octahedron": (0.52, 0.64),
                 "dodecahedron": (0.51, 0.63), "icosahedron": (0.50, 0.59)}
     return [Experiment(f"dice: {name}", partial(parts.die, name), pour, _BAKER, gamma,
-                       fitted=True, bodies=200 if name == "cube" else 400)  # deep ones creep
+                       fitted=True)
             for name, shares in measured.items()
             for pour, gamma in zip((LOOSE, DENSE), shares)]
 
