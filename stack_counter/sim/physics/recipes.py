@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +40,7 @@ class Recipe:
     """
 
     plan: str = "mixed"
-    library: tuple[Shape, ...] = ()
+    library: Sequence[Shape] = ()
 
     def draw_shape(self, seed: int, index: int, attempt: int) -> Shape:
         """Draws the part of scene `index`; every other failed attempt takes another.

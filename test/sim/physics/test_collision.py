@@ -14,7 +14,9 @@ from stack_counter.sim.physics import collision
 from stack_counter.sim.physics.decomposition import cache, flat_cuts
 from stack_counter.sim.physics.decomposition.form import measure_form
 from stack_counter.sim.physics.decomposition.merging import merge_pieces
-from stack_counter.sim.shapes import make_shape, shape_from_mesh
+from stack_counter.sim.physics.decomposition.voronoi import cut_voronoi
+from stack_counter.sim.shapes import ShapeError, make_shape, shape_from_mesh
+from stack_counter.sim.shapes.simplify import simplify_solid
 
 
 @pytest.fixture(autouse=True)
@@ -122,3 +124,19 @@ def test_the_key_depends_on_the_mesh_and_the_settings():
     keys = {cache.cache_key(vertices, mesh.faces, settings)
             for vertices in (mesh.vertices, mesh.vertices + 1) for settings in (1, 2)}
     assert len(keys) == 4
+
+
+def test_fine_meshes_are_made_coarse_at_the_same_volume():
+    ball = trimesh.creation.icosphere(5)
+    coarse = simplify_solid(ball, 2000)
+    assert len(coarse.faces) <= 2000 and coarse.is_watertight
+    assert coarse.volume == pytest.approx(ball.volume, rel=1e-6)
+    assert coarse.center_mass == pytest.approx(np.zeros(3), abs=1e-3)
+    assert simplify_solid(coarse, 2000) is coarse
+
+
+def test_what_makes_no_solid_is_refused_with_what_to_do():
+    box = trimesh.creation.box((1, 1, 1))
+    torn = trimesh.Trimesh(box.vertices, box.faces[:-1], process=False)
+    with pytest.raises(ShapeError, match="make no solid .*: export the part again"):
+        cut_voronoi(torn)
