@@ -37,7 +37,7 @@ class PlanSettings:
         min_parts, max_parts: fewest and most parts of a scene.
         friction: range of the friction of parts on each other and on the container, whose
             logarithm is uniform. It stands in for the jolts of pouring too. At 0.6 balls and
-            regular dice lie as loose as they can (gamma 0.50 to 0.55, measured 0.50 to 0.55), at
+            regular dice lie as loose as they can (gamma 0.49 to 0.56, measured 0.50 to 0.55), at
             0.05 as dense as shaken ones (0.62 to 0.64, measured 0.59 to 0.64; cubes denser);
             poured balls (0.58 to 0.60) are at 0.15 to 0.2. Measured: Baker & Kudrolli, "Maximum
             and minimum stable random packings of Platonic solids" (2010).

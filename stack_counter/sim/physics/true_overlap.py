@@ -30,8 +30,8 @@ class OverlapSettings:
             go through each other unseen by the engine.
         crossing_depth: depth of a point in another part's wall from which the two have crossed,
             in mean walls. Half a wall is the deepest there is.
-        points_per_wall: points of the surface on a square of one wall's side: walls that have
-            crossed over one wall's length are missed in 3% of all cases.
+        points_per_wall: points of the surface on a square of one wall's side: by estimate
+            walls that have crossed over one wall's length are missed in 3% of all cases.
         max_points: most points of a part.
         cluster_points: mean number of points that are looked up together first.
         grid_cells: cells of the coarse field along the part's largest side.
