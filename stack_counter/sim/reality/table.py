@@ -58,9 +58,10 @@ class Row:
     def cells(self) -> tuple[str, ...]:
         """Texts of the row's cells, as in the head of the table."""
         e = self.experiment
+        scatter = f" ± {self.scatter:.3f}" if len(self.piles) > 1 else ""
         return (e.name + (" (hulls)" if e.of_hull else ""),
                 f"{e.pour}, {self.friction:.2f}", f"{self.measured:.3f} ± {e.spread:.3f}",
-                f"{self.predicted:.3f} ± {self.scatter:.3f}",
+                f"{self.predicted:.3f}{scatter}",
                 f"{self.difference:+.3f} ({self.difference / self.measured:+.0%})",
                 "fitted" if e.fitted else "predicted", e.source)
 
