@@ -134,6 +134,6 @@ EXPERIMENTS = [
                "nblug.org.uk, pick-a-brick cup: 101 poured into 950 cm3", per_m3=101 / 950e-6,
                spread=0.026, of_hull=True, tub=Tub(0.10, 950e-6 / (0.785398 * 0.10**2))),
     *(Experiment(f"rods, a = {a}", partial(parts.rod, a), DENSE, _RODS, 4.9 / a, spread=0.4 / a,
-                 bodies=800)
-      for a in (10, 20, 30)),
+                 bodies=400)
+      for a in (10, 20)),
 ]
