@@ -2,7 +2,7 @@
 """Convex pieces for the physics: a hull for convex parts, a decomposition for the others.
 
 Hulls alone make concave parts stand too loose: they cannot nest. By how much,
-`python -m stack_counter.sim.theory` prints. No part is refused for its form: flat cuts where
+`python -m stack_counter.sim.reality` prints. No part is refused for its form: flat cuts where
 their search ends in its budget, Voronoi cells elsewhere, both merged to few pieces, judged by how
 well these keep the form.
 

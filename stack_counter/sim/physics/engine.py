@@ -34,8 +34,8 @@ class ContactSettings:
 class EngineSettings:
     """How piles are poured and when they rest; lengths in part sizes (units).
 
-    Chosen where nothing else is said; what comes out is compared with theory and literature by
-    `python -m stack_counter.sim.theory`.
+    Chosen where nothing else is said; what comes out is compared with real piles by
+    `python -m stack_counter.sim.reality`.
 
     Attributes:
         step_s: simulated seconds of one step. At friction 0.35 a pile of cubes had gamma 0.525
