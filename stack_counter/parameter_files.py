@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,18 @@ _PARAMETERS = "ros__parameters"
 
 
 class _RosLoader(yaml.SafeLoader):
-    """Reads numbers as ROS 2 does: 1e-3 is one, also without a point."""
+    """Reads numbers as ROS 2 does: 1e-3 is one, also without a point.
+
+    A key that stands in a mapping twice is refused: YAML's reader would drop the first without a
+    word, and ROS 2 takes both.
+    """
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
+        """The mapping of a node. Raises YAMLError: a key stands there twice."""
+        keys = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
+        if twice := [key for key, number in keys.items() if number > 1]:
+            raise yaml.YAMLError(f"'{twice[0]}' stands twice in one mapping; expected it once")
+        return super().construct_mapping(node, deep)
 
 
 _RosLoader.add_implicit_resolver("tag:yaml.org,2002:float",

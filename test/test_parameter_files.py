@@ -88,6 +88,8 @@ reconstructor:
     ("/camera/camera: {ros__parameters: {a: 1}}", "names node '/camera/camera'; expected"),
     ("/stack_counter: {collector: {mode: cycle}}", "'/stack_counter/collector' lacks ros__par"),
     ("/stack_counter/collector: {mode: cycle}", "'/stack_counter/collector' lacks ros__par"),
+    ("/**: {ros__parameters: {mode: cycle}}\n/**: {ros__parameters: {part: nut}}",
+     "'/\\*\\*' stands twice in one mapping; expected it once"),
     ("collector: {ros__parameters: 3}", "'collector' has ros__parameters 3"),
     ("collector: {ros__parameters: {mode: often}}", "mode is 'often'")])
 def test_faults_are_named_with_what_was_meant(tmp_path, text, said):

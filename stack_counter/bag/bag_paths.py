@@ -13,6 +13,7 @@ from stack_counter.bag.formats.opening import PACKED, SUFFIXES
 from stack_counter.bag.scan_file import finished_recordings
 from stack_counter.errors import BagError
 
+_METADATA = "metadata.yaml"
 EXPECTED = "expected a rosbag2 folder or an .mcap, .db3 or .bag file"
 # What recorders add to the name of a bag for each of its files; ROS 1 adds the time as well.
 _PART = re.compile(r"((_|^)\d{4}(-\d\d){5})?_\d+$")
@@ -27,9 +28,11 @@ def find_recordings(path: Path) -> list[Path]:
     """
     if not path.exists():
         raise FileNotFoundError(f"no bag {path}; {EXPECTED}")
+    if path.name == _METADATA:
+        path = path.parent
     if path.is_file():
         return [path]
-    if (path / "metadata.yaml").is_file():
+    if (path / _METADATA).is_file():
         return _listed_recordings(path)
     # A recorder that was killed leaves no metadata.yaml.
     paths = sorted(p for p in path.iterdir() if _bag_name(p) is not None and p.is_file())
@@ -63,7 +66,8 @@ def _listed_recordings(folder: Path) -> list[Path]:
     missing = [name for name, path in zip(names, paths) if path is None]
     if missing or not names:
         raise BagError(f"{folder} lacks {', '.join(missing) or 'any file'}, named in its "
-                       "metadata.yaml")
+                       f"{_METADATA}; expected all: copy what is missing there, or name a file, "
+                       f"or remove {_METADATA} to read what is left")
     return [path for path in paths if path is not None]
 
 
@@ -76,11 +80,12 @@ def _existing(path: Path) -> Path | None:
 
 def _read_metadata(folder: Path) -> dict[str, Any]:
     """The content of a rosbag2 folder's metadata.yaml."""
-    path = folder / "metadata.yaml"
+    path = folder / _METADATA
     try:
         information = yaml.safe_load(path.read_text())["rosbag2_bagfile_information"]
         information["relative_file_paths"] = list(map(str, information["relative_file_paths"]))
         return information
     except (yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, AttributeError) as error:
-        raise BagError(f"{path} is not a rosbag2 metadata file: {str(error).splitlines()[0]}"
-                       ) from error
+        raise BagError(f"{path} is not a rosbag2 metadata file: {str(error).splitlines()[0]}; "
+                       "expected what a recorder writes: remove it, the recordings are read "
+                       "without") from error

@@ -44,7 +44,7 @@ class BagViews:
             ConfigError: the rig file cannot be used.
         """
         self.reader = BagReader(path, time_range)
-        rig = fit_rig_to_bag(load_rig(collector), self.reader.topics)
+        rig = fit_rig_to_bag(load_rig(collector), self.reader.topics, self.reader.frame_of)
         self._topic_notes = topic_notes(collector, rig, self.reader.topics)
         self._missing_depth = missing_depth_line(collector, rig, self.reader.topics)
         self.assembler = RigAssembler(rig, live=False)

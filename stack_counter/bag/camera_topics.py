@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +19,7 @@ from stack_counter.views.color_transport import (
     AUTO,
     COMPRESSED,
     RAW,
+    color_topics,
     depth_topics,
     published_transports,
     transport_topic,
@@ -27,10 +29,22 @@ from stack_counter.views.rig import Rig
 from stack_counter.views.rig_assembler import RigAssembler
 
 LABELS_TOPIC = "/camera/labels"
+# By setting, types of the messages on its topic: the last part of their names.
+_IMAGES = ("Image", "CompressedImage")
+_TYPES_OF = {"color_topic": _IMAGES, "camera_info_topic": ("CameraInfo",), "depth_topic": _IMAGES,
+             "depth_camera_info_topic": ("CameraInfo",), "labels_topic": ("Image",),
+             "pose_topic": ("PoseStamped",), "joint_states_topic": ("JointState",)}
+# Gives the camera frame that a topic's images name, empty where it is not known.
+FrameOf = Callable[[str], str]
 
 
-def fit_camera_to_bag(config: CollectorConfig, topics: dict[str, tuple[str, int]]
-                      ) -> CollectorConfig:
+def _no_frame(topic: str) -> str:
+    """Knows no frame."""
+    return ""
+
+
+def fit_camera_to_bag(config: CollectorConfig, topics: dict[str, tuple[str, int]],
+                      frame_of: FrameOf = _no_frame) -> CollectorConfig:
     """Settings of one camera with the topics and transports that a bag has, and no recording.
 
     Topics that have their default names and are not in the bag are looked for.
@@ -38,11 +52,12 @@ def fit_camera_to_bag(config: CollectorConfig, topics: dict[str, tuple[str, int]
     Args:
         config: settings of the camera.
         topics: type name and number of messages by topic.
+        frame_of: depth that is found, and is in the frame of colour, needs no /tf_static.
 
     Raises:
         BagError: the bag has no colour images of the camera, or of several that it may be.
     """
-    named, config = config, _find_topics(config, topics)
+    named, config = config, _find_topics(config, topics, frame_of)
     if not published_transports(config.color_topic, topics.__contains__):
         raise BagError(f"no images on {config.color_topic} or "
                        f"{transport_topic(config.color_topic, COMPRESSED)}; expected "
@@ -57,7 +72,8 @@ def fit_camera_to_bag(config: CollectorConfig, topics: dict[str, tuple[str, int]
         labels_topic=labels if labels in topics else "", record_folder="")
 
 
-def _find_topics(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> CollectorConfig:
+def _find_topics(config: CollectorConfig, topics: dict[str, tuple[str, int]], frame_of: FrameOf
+                 ) -> CollectorConfig:
     """The settings with the bag's names of topics that have their default name and are not there.
 
     Raises:
@@ -69,7 +85,7 @@ def _find_topics(config: CollectorConfig, topics: dict[str, tuple[str, int]]) ->
     searched = [name for name in present if not present[name] and is_unset(config, name)]
     if not present["color_topic"] and "color_topic" not in searched:
         return config
-    cameras = _cameras_of(topics)
+    cameras = _cameras_of(topics, frame_of)
     if present["color_topic"]:
         cameras = [camera for camera in cameras if camera.color_topic == config.color_topic]
     if len(cameras) > 1:
@@ -80,11 +96,20 @@ def _find_topics(config: CollectorConfig, topics: dict[str, tuple[str, int]]) ->
     return replace(config, **changes)
 
 
-def _cameras_of(topics: dict[str, tuple[str, int]]) -> list[FoundCamera]:
+def _cameras_of(topics: dict[str, tuple[str, int]], frame_of: FrameOf) -> list[FoundCamera]:
     """The cameras of a bag; without depth that could not be brought into the colour images."""
     cameras = find_cameras(_types(topics))
-    return [camera if camera.is_aligned or "/tf_static" in topics else
+    return [camera if camera.is_aligned or "/tf_static" in topics
+            or _is_of_one_frame(camera, topics, frame_of) else
             replace(camera, depth_topic="") for camera in cameras]
+
+
+def _is_of_one_frame(camera: FoundCamera, topics: dict[str, tuple[str, int]], frame_of: FrameOf
+                     ) -> bool:
+    """Whether a camera's depth names the frame that its colour names, as where it is aligned."""
+    color, depth = (frame_of(next((name for name in names if name in topics), "")) for names in (
+        color_topics(camera.color_topic, AUTO), depth_topics(camera.depth_topic)))
+    return color != "" and color == depth
 
 
 def _listed(topics: dict[str, tuple[str, int]]) -> str:
@@ -109,19 +134,42 @@ def _recorded_depth(config: CollectorConfig, topics: dict[str, tuple[str, int]])
     return next((topic for topic in depth_topics(config.depth_topic) if topic in topics), "")
 
 
-def fit_rig_to_bag(rig: Rig, topics: dict[str, tuple[str, int]]) -> Rig:
+def fit_rig_to_bag(rig: Rig, topics: dict[str, tuple[str, int]], frame_of: FrameOf = _no_frame
+                   ) -> Rig:
     """One camera with the topics and transports that a bag has; a rig file's as it names them.
 
     Args:
         rig: the cameras.
         topics: type name and number of messages by topic.
+        frame_of: depth that is found, and is in the frame of colour, needs no /tf_static.
 
     Raises:
-        BagError: the bag has no colour images of any camera.
+        BagError: the bag has no colour images of any camera, or other messages on a topic than
+            are expected there.
     """
+    fitted = _fit_cameras(rig, topics, frame_of)
+    for name, expected in _TYPES_OF.items():
+        for topic in (getattr(camera.config, name) for camera in fitted.cameras):
+            _check_type(topic, topics, expected, f"set {name}")
+    for topic in ("/tf", "/tf_static"):
+        _check_type(topic, topics, ("TFMessage",), "record the transforms there")
+    return fitted
+
+
+def _check_type(topic: str, topics: dict[str, tuple[str, int]], expected: tuple[str, ...],
+                remedy: str) -> None:
+    """Raises BagError: the messages on a topic are of another type."""
+    kind = topics.get(topic, (expected[0], 0))[0]
+    if kind.rpartition("/")[2] not in expected:
+        raise BagError(f"{topic} is of type {kind or 'unknown'}; expected "
+                       f"{' or '.join(expected)}: {remedy}")
+
+
+def _fit_cameras(rig: Rig, topics: dict[str, tuple[str, int]], frame_of: FrameOf) -> Rig:
+    """The rig of `fit_rig_to_bag`, unchecked."""
     if len(rig.cameras) == 1:
         camera = rig.cameras[0]
-        fitted = fit_camera_to_bag(camera.config, topics)
+        fitted = fit_camera_to_bag(camera.config, topics, frame_of)
         return replace(rig, cameras=(replace(camera, config=fitted),))
     rig = replace(rig, cameras=tuple(
         replace(camera, config=replace(

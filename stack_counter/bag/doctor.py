@@ -8,7 +8,7 @@ from pathlib import Path
 from stack_counter.bag.camera_topics import fit_rig_to_bag, missing_depth_line, topic_notes
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.sampling import sampled_parts
-from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
+from stack_counter.bag.time_range import TimeRange
 from stack_counter.config import Config
 from stack_counter.errors import BagError
 from stack_counter.views.checkup.checkup import Checkup
@@ -64,7 +64,7 @@ def bag_findings(reader: BagReader, check: Checkup, config: Config, parts: list[
         or [line for line in (missing_depth_line(collector, rig, reader.topics),) if line]
     # Of a long bag some images are seen, and it has many more.
     min_views = config.reconstructor.min_views if len(parts) == 1 else 1
-    findings = diagnose(check, min_views, bool(config.reconstructor.prompts), " ".join(left_out))
+    findings = diagnose(check, min_views, config.reconstructor, " ".join(left_out))
     return [*_truncated(reader, any(f.severity == Severity.STOPS for f in findings)), *findings]
 
 
@@ -93,26 +93,24 @@ def camera_finding(topics: dict[str, tuple[str, int]], error: BagError) -> Findi
     return Finding(Severity.STOPS, str(error))
 
 
-def examine_bag(path: Path, config: Config, time_range: TimeRange = WHOLE_BAG
-                ) -> tuple[list[str], list[Finding]]:
+def examine_bag(path: Path, config: Config) -> tuple[list[str], list[Finding]]:
     """What came, a line each, and what is wrong.
 
     Args:
         path: rosbag2 folder, or a file of a recording.
         config: the settings.
-        time_range: the part of the bag whose images are looked at.
 
     Raises:
         FileNotFoundError: there is no such path.
         BagError: the bag cannot be read.
         ConfigError: the rig file cannot be used.
     """
-    reader = BagReader(path, time_range)
+    reader = BagReader(path)
     seconds = reader.duration_ns * 1e-9
     lines = [f"bag      {path}: {seconds:.1f} s, {reader.size / 1e6:.1f} MB, "
              f"{len(reader.topics)} topics"]
     try:
-        rig = fit_rig_to_bag(load_rig(config.collector), reader.topics)
+        rig = fit_rig_to_bag(load_rig(config.collector), reader.topics, reader.frame_of)
     except BagError as error:
         return lines, [*_truncated(reader, True), camera_finding(reader.topics, error)]
     check, parts = check_bag(reader, RigAssembler(rig, live=False))

@@ -43,7 +43,7 @@ def describe_bag(path: Path, config: Config, time_range: TimeRange = WHOLE_BAG
     lines += [f"recorded {key}: {value}" for key, value in reader.facts.items()]
     # Read the views, if there are images.
     try:
-        rig = fit_rig_to_bag(load_rig(config.collector), reader.topics)
+        rig = fit_rig_to_bag(load_rig(config.collector), reader.topics, reader.frame_of)
     except BagError as error:
         findings = [camera_finding(reader.topics, error)]
         return "\n".join([*lines, "problems", f"  {findings[0]}"]), findings

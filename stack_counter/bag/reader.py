@@ -106,6 +106,14 @@ class BagReader:
         return any(file.truncated for file in self._files) \
             or self.facts.get("ended", "").startswith("cut")
 
+    def frame_of(self, topic: str) -> str:
+        """The camera frame that the first message of a topic names; empty where there is none."""
+        record = next(self._records_between({topic}, 0, NEVER_NS), None)
+        try:
+            return record.decode().header.frame_id.lstrip("/") if record else ""
+        except Exception:  # the decoder's errors are of many classes; who reads on will say it
+            return ""
+
     def part(self, time_range: TimeRange) -> BagReader:
         """The same bag, of which `records` gives another part."""
         other = copy.copy(self)

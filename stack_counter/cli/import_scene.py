@@ -52,6 +52,8 @@ def _require_poses(scene: Path, has_poses: bool) -> None:
     """Raises ConfigError: these are pictures without poses, and nothing gives their scale."""
     from stack_counter.pictures.folder import list_picture_files
 
+    # Poses under another name are named by what reads them.
+    has_poses = has_poses or any(scene.glob("transforms*.json"))
     count = 0 if has_poses or not scene.is_dir() else len(list_picture_files(scene))
     if count:
         raise ConfigError(f"{scene} holds {count} pictures and no transforms.json; expected "

@@ -76,7 +76,7 @@ def _add_add(more: argparse._SubParsersAction) -> None:
     add.add_argument("--density", type=positive_number, metavar="G_CM3",
                      help="of the material, g/cm3")
     add.add_argument("--friction", type=_friction, nargs=2, metavar=("LOW", "HIGH"),
-                     help="of parts on each other, if known (default 0.2 0.7)")
+                     help="of parts on each other, if known (default 0.05 0.6)")
     add.add_argument("--piles", type=int, default=64, metavar="N", help="(default 64)")
     add.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="W",
                      help="processes (default: one a core)")

@@ -82,7 +82,7 @@ def find_pictures(folder: Path) -> list[Picture]:
     for path in paths:
         try:
             pictures.append(_describe_picture(folder, path))
-        except OSError as error:
+        except (OSError, ValueError) as error:  # the latter of HEIC that is cut short
             _LOG.warning("%s is no picture that can be read (%s); left out", path, error)
     if not pictures:
         raise BagError(f"{len(paths)} picture files in {folder} and none can be read; expected "
@@ -148,7 +148,7 @@ def read_labels(picture: Picture) -> np.ndarray | None:
 
 
 def _describe_picture(folder: Path, path: Path) -> Picture:
-    """Raises OSError: it is no whole picture."""
+    """Raises OSError or ValueError: it is no whole picture."""
     height, width = read_pixels(path).shape[:2]  # a file that is cut short fails here
     with _open(path) as image:
         exif = image.getexif()

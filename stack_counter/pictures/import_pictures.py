@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from stack_counter import geometry
+from stack_counter.bag.upright import UprightPose, find_upright_pose
 from stack_counter.bag.writer import write_bag
 from stack_counter.errors import BagError
 from stack_counter.pictures.folder import (
@@ -28,7 +29,6 @@ from stack_counter.pictures.reference import parse_reference
 from stack_counter.pictures.scale import Scale, measure_scale
 from stack_counter.pictures.structure_from_motion import Camera, PosedPictures, find_poses, listed
 from stack_counter.pictures.targets import find_targets
-from stack_counter.pictures.upright import UprightPose, find_upright_pose
 from stack_counter.types import View
 
 _FRAME = "camera_color_optical_frame"

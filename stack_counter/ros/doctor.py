@@ -102,7 +102,7 @@ class GraphDoctor:
         self._listen(check, set(topics))
         lines += summary_lines(check, SETTINGS.listen_s, lambda stream: len(stream.stamps))
         # One view is enough: the camera may stand still before a scan.
-        findings = diagnose(check, 1, bool(config.reconstructor.prompts),
+        findings = diagnose(check, 1, config.reconstructor,
                             missing_depth_line(config.collector, rig, topics))
         if "/clock" not in topics:
             findings += clock_findings(check)

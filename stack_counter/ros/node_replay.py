@@ -88,7 +88,7 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     os.environ.update(domain.environment)  # read by the DDS library when the context starts
     reader = BagReader(path, time_range)
     config = with_scale_of_bag(config, reader)
-    rig = fit_rig_to_bag(load_rig(config.collector), reader.topics)
+    rig = fit_rig_to_bag(load_rig(config.collector), reader.topics, reader.frame_of)
     nodes = NodeProcesses(
         replace(config, collector=_fit_collector(config.collector, rig, reader)),
         domain.environment)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 import tempfile
@@ -29,7 +28,7 @@ class ProcessSettings:
     """When processes are ended by force and started again.
 
     Attributes:
-        stop_timeout_s: seconds from SIGINT to SIGKILL. Measured by `make soak`: nodes end within
+        stop_timeout_s: seconds from SIGTERM to SIGKILL. Measured by `make soak`: nodes end within
             1.4 s.
         stable_after_s: seconds of running after which a death counts as the first of a row again.
             Chosen.
@@ -78,10 +77,13 @@ def _start_node(name: str, parameters: Path, environment: Mapping[str, str], out
 
 
 def _stop_processes(processes: Iterable[subprocess.Popen[str]]) -> None:
-    """Sends SIGINT to the processes, and SIGKILL to those that do not end in time."""
+    """Sends SIGTERM to the processes, and SIGKILL to those that do not end in time.
+
+    Not SIGINT: one that comes while Python itself starts is answered by a traceback.
+    """
     running = [process for process in processes if process.poll() is None]
     for process in running:
-        process.send_signal(signal.SIGINT)
+        process.terminate()
     deadline = time.monotonic() + SETTINGS.stop_timeout_s
     for process in running:
         try:
@@ -205,5 +207,5 @@ class SupervisedProcess:
 
     @staticmethod
     def stop_all(processes: Iterable[SupervisedProcess]) -> None:
-        """Ends the processes: by SIGINT, and by SIGKILL those that do not end in time."""
+        """Ends the processes: by SIGTERM, and by SIGKILL those that do not end in time."""
         _stop_processes([p._process for p in processes if p._process is not None])

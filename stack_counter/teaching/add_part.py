@@ -151,7 +151,7 @@ def simulate_part_piles(request: PileRequest, count: int, workers: int,
     """Simulates piles of a part; `on_pile` is called after each.
 
     Raises:
-        PartError: the part does not pile up.
+        PartError: the part does not pile up, or its mesh is no solid.
     """
     piles = []
     try:
@@ -159,8 +159,7 @@ def simulate_part_piles(request: PileRequest, count: int, workers: int,
             piles.append(pile)
             on_pile()
     except ShapeError as error:
-        raise PartError(f"{error}; a part of many small details: expected a mesh without threads "
-                        "and lettering") from error
+        raise PartError(str(error)) from error
     return piles
 
 

@@ -20,6 +20,7 @@ from stack_counter.errors import ViewError
 from stack_counter.types import View, ViewTally
 from stack_counter.views import decoding
 from stack_counter.views.awake_clock import awake_time
+from stack_counter.views.camera_search import is_rectified
 from stack_counter.views.depth_stream import DepthStream
 from stack_counter.views.image_stream import (
     MAX_QUEUED_MESSAGES,
@@ -179,7 +180,8 @@ class ViewAssembler:
     def add_camera_info(self, message: Any) -> None:
         """Takes a `CameraInfo`; it is checked when a view needs it."""
         self._calibrations.add(decoding.stamp_ns(message.header.stamp),
-                               decoding.intrinsics_of_camera_info(message))
+                               decoding.intrinsics_of_camera_info(
+                                   message, is_rectified(self._config.color_topic)))
 
     def add_transform(self, message: Any, static: bool) -> None:
         """Takes a `TransformStamped` of /tf or /tf_static; a damaged one is logged and dropped."""
@@ -196,7 +198,7 @@ class ViewAssembler:
         try:
             T = decode(pose)
         except ViewError as error:
-            self._log_first(error)
+            self._log_first(error.on(child))
             return
         self._transforms.add_transform(decoding.stamp_ns(header.stamp),
                                        header.frame_id.lstrip("/"), child.lstrip("/"), T, static)

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from stack_counter.config import CollectorConfig
 from stack_counter.views.color_transport import without_transport
 
-# Colour images below a camera's namespace, the best first. Rectified ones only of drivers that
-# send the calibration of the rectified image with them.
+# Colour images below a camera's namespace, the best first.
 _COLOR_NAMES = (
     "color/image_raw",  # RealSense, Orbbec
     "color/image_rect_raw",  # RealSense D405
@@ -91,6 +90,11 @@ def lines_to_paste(cameras: list[FoundCamera]) -> str:
 def is_unset(config: CollectorConfig, name: str) -> bool:
     """Tells whether a topic has its default name, as where nobody has set it."""
     return getattr(config, name) == getattr(CollectorConfig(), name)
+
+
+def is_rectified(topic: str) -> bool:
+    """Tells whether images are free of distortion, by the name that image_proc gives them."""
+    return "rect" in _words("/".join(without_transport(topic).split("/")[-2:]))
 
 
 def _is_message(kind: str, name: str) -> bool:

@@ -19,6 +19,7 @@ from stack_counter.config import CollectorConfig
 from stack_counter.errors import ViewError
 from stack_counter.types import Intrinsics, View
 from stack_counter.views import decoding
+from stack_counter.views.camera_search import is_rectified
 from stack_counter.views.color_transport import without_transport
 from stack_counter.views.depth_registration import register_depth
 from stack_counter.views.image_stream import Calibrations, ImageStream
@@ -129,7 +130,8 @@ class DepthStream:
     def add_camera_info(self, message: Any) -> None:
         """Takes the depth images' own `CameraInfo`."""
         self._calibrations.add(decoding.stamp_ns(message.header.stamp),
-                               decoding.intrinsics_of_camera_info(message))
+                               decoding.intrinsics_of_camera_info(
+                                   message, is_rectified(self._config.depth_topic)))
 
     def is_settled(self, stamp_ns: int, frame: str, intrinsics: Intrinsics, patient: bool) -> bool:
         """Tells whether no message that may still come can change the depth of a colour image.

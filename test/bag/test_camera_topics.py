@@ -96,6 +96,22 @@ def test_depth_beside_the_colour_of_the_settings(names, depth):
     assert fitted(COLOR, INFO, *names) == (COLOR, INFO, depth)
 
 
+@pytest.mark.parametrize("setting, topic, kind, expected", [
+    ("depth_topic", "/camera/depth/points", "sensor_msgs/msg/PointCloud2", "CompressedImage"),
+    ("camera_info_topic", DEPTH, IMAGE, "CameraInfo"),
+    ("labels_topic", "/labels/compressed", COMPRESSED, "Image"),
+    ("color_topic", "/h264", "my_msgs/msg/Packet", "Image or CompressedImage"),
+    ("pose_topic", "/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", "PoseStamped"),
+    ("", "/tf", "my_msgs/msg/Transforms", "TFMessage")])
+def test_messages_of_another_type_are_refused(setting, topic, kind, expected):
+    config = replace(DEFAULT, **({setting: topic} if setting else {}))
+    held_here = {**held(COLOR, INFO, DEPTH), topic: (kind, 12)}
+    with pytest.raises(BagError) as caught:
+        fit_rig_to_bag(load_rig(config), held_here)
+    assert f"{topic} is of type {kind}; expected " in str(caught.value)
+    assert expected in str(caught.value) and (setting or "record") in str(caught.value)
+
+
 def test_depth_that_is_not_there_is_named():
     names = (COLOR, INFO, "/a/range/image", "/tf")
     said = notes_on(*names, say=missing_depth_line)

@@ -88,6 +88,12 @@ def robot_clock_behind():
                   for view in scan()]
 
 
+def transforms_of_no_rotation():
+    return changed("/tf", lambda t, topic, kind, m: (t, topic, kind, replace(m, transforms=[
+        replace(one, transform=replace(one.transform, rotation=replace(
+            one.transform.rotation, x=0.0, y=0.0, z=0.0, w=0.0))) for one in m.transforms])))
+
+
 def other_encoding():
     return changed(COLOR, lambda t, topic, kind, m: (t, topic, kind, replace(m, encoding="xyz9")))
 
@@ -113,6 +119,7 @@ BROKEN = {
     "root named differently": (lambda: world_named("world"), "set world_frame to 'world'"),
     "gaps in TF": (tf_with_gaps, "tf_max_gap_s"),
     "a robot whose clock is behind": (robot_clock_behind, "5.0 s ahead of those of /tf"),
+    "quaternions of zeros": (transforms_of_no_rotation, f"bad_pose: {FRAME}: quaternion"),
     "no TF": (lambda: without("/tf"), "no_tf"),
     "no camera_info": (lambda: without(INFO), "no_camera_info"),
     "blurred": (blurred, "blurred"),
@@ -140,6 +147,16 @@ def test_a_bag_cut_short_is_named_first(tmp_path):
     file.write_bytes(file.read_bytes()[:file.stat().st_size // 3])
     _, findings = examine_bag(file, Config())
     assert cause_first(findings)[0].text == "the bag is cut short"
+
+
+def test_a_far_floor_around_the_bin_stops_nothing(tmp_path):
+    def half_far(view):
+        depth = depth_mm(view)
+        depth[:, :depth.shape[1] * 6 // 10] = 5000
+        return depth, "16UC1"
+
+    _, (finding,) = examine_bag(write(tmp_path / "bag", depth_image(half_far)), Config())
+    assert finding.severity == Severity.HARMS and "farther than 5 m" in finding.text
 
 
 def test_a_good_bag_has_no_finding(tmp_path):

@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 from kits.recorder_kit import FACTS, noise, numbers, received, record, views_of, wait
-from kits.recording_kit import INFO, camera_info, scan, tf_record
+from kits.recording_kit import COLOR, DEPTH, INFO, camera_info, scan, tf_record
 from mcap.reader import make_reader
 
 from stack_counter.bag import recorder as recorder_module
@@ -111,7 +111,8 @@ def test_a_killed_recorder_leaves_its_images_and_the_next_gives_them_a_name(tmp_
 
     def images():
         parts = [path for path in tmp_path.glob("*.part") if path.stat().st_size]
-        return parts and BagReader(parts[0]).topics.get("/camera/color/image_raw", ("", 0))[1]
+        topics = BagReader(parts[0]).topics if parts else {}
+        return min(topics.get(name, ("", 0))[1] for name in (COLOR, DEPTH))
 
     try:
         wait(lambda: images() == 6, "six images")

@@ -35,6 +35,10 @@ READ = {
     "depth by PNG": (users.png_depth, DEFAULT),
     "depth as 32FC1 in mm": (users.float_millimetres, replace(DEFAULT, depth_scale=0.001)),
     "depth as 16UC1 in 0.1 mm": (users.tenth_millimetres, replace(DEFAULT, depth_scale=0.0001)),
+    "depth in the frame of colour": (lambda path: users.renamed(path, {DEPTH: (
+        "/camera/depth/image_raw")}), DEFAULT),
+    "rectified colour": (lambda path: users.renamed(path, {
+        COLOR: "/camera/color/image_rect_color"}, d=np.array([-0.3, 0.1, 0, 0, 0])), DEFAULT),
     "topics of another wrapper": (lambda path: users.under(path, "/camera"), DEFAULT),
     "a root called world": (lambda path: users.of_world(path, "world"),
                             replace(DEFAULT, world_frame="world")),
@@ -153,6 +157,8 @@ REFUSED = {
         "expected 160x120", "set depth_topic"),
     "depth of another time": (changed(DEPTH, header=header(0)), "depth for colour at .*: none",
                               "expected within 5.0 ms", "sync_tolerance_s"),
+    "images of no frame": (changed(COLOR, header=header(10**9, "")), "images name no frame",
+                           "expected a chain", "set their frame_id"),
     "an empty calibration": (changed(INFO, k=np.zeros(9)), "fx 0.0, fy 0.0",
                              "expected finite numbers", "calibrate"),
     "a lens of no model": (changed(INFO, distortion_model="fov"), "distortion model 'fov'",

@@ -43,6 +43,9 @@ def test_import_of_pictures_without_poses_takes_a_reference(tmp_path, capsys):
     assert code == 2 and "1 pictures and no transforms.json; expected --reference" in err
     code, _, err = run(capsys, "import", tmp_path, tmp_path / "out", "--reference", "aruco = 1")
     assert code == 2 and "expected 'A.jpg:x,y B.jpg:x,y to" in err
+    (tmp_path / "transforms_train.json").write_text("{}")
+    code, _, err = run(capsys, "import", tmp_path, tmp_path / "out")
+    assert code == 3 and "expected a nerfstudio scene: rename one of transforms_train.json" in err
     (tmp_path / "transforms.json").write_text("{}")
     code, _, err = run(capsys, "import", tmp_path, tmp_path / "out", "--reference", "aruco = 1")
     assert code == 2 and "has poses in transforms.json" in err

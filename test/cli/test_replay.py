@@ -117,6 +117,7 @@ def test_bags_that_lack_a_topic_say_which(tmp_path, capsys):
                        without(path, tmp_path / "b", {"/camera/color/camera_info"}), *UNIT,
                        "--direct")
     assert code == 3 and "6 images in the bag, skipped {'no_camera_info': 6}" in err
+    assert err.rstrip().endswith("stack-counter doctor BAG says what to change")
     code, _, err = run(capsys, "replay", without(path, tmp_path / "c", {"/tf"}), *UNIT, "--direct")
     assert code == 3 and "'no_tf': 6" in err and "no transforms connect" in err
 

@@ -15,6 +15,7 @@ from kits.recording_kit import (
     COMPRESSED,
     DEPTH,
     IMAGE,
+    INFO,
     image,
     records,
     scan,
@@ -57,6 +58,13 @@ def under(path, namespace):
     """The scan of a driver that puts a namespace before its topics."""
     return write(path, [(stamp, f"{namespace}{topic}" if topic.startswith("/camera") else topic,
                          kind, message) for stamp, topic, kind, message in records(scan())])
+
+
+def renamed(path, names, **of_info):
+    """The scan with other names of topics, and other fields of the calibration."""
+    return write(path, [(stamp, names.get(topic, topic), kind,
+                         replace(message, **of_info) if topic == INFO else message)
+                        for stamp, topic, kind, message in records(scan())])
 
 
 def of_world(path, name):

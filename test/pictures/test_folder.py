@@ -56,11 +56,15 @@ def test_label_images_must_fit_the_upright_picture(tmp_path):
 
 
 def test_what_is_no_picture_is_left_out_or_named(tmp_path):
+    from pillow_heif import register_heif_opener
+    register_heif_opener()
     with pytest.raises(FileNotFoundError, match="expected one with pictures"):
         find_pictures(tmp_path / "none")
     with pytest.raises(BagError, match="0 picture files .* expected files of .jpg"):
         find_pictures(tmp_path)
     save(tmp_path / "a.jpg", np.random.default_rng(0).integers(0, 255, (30, 40, 3), np.uint8))
     (tmp_path / "b.jpg").write_bytes((tmp_path / "a.jpg").read_bytes()[:-500])
+    save(tmp_path / "c.heic")
+    (tmp_path / "c.heic").write_bytes((tmp_path / "c.heic").read_bytes()[:-20])
     (tmp_path / "notes.txt").write_text("no picture")
     assert [picture.name for picture in find_pictures(tmp_path)] == ["a.jpg"]

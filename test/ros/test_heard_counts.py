@@ -74,4 +74,4 @@ def test_cycles_of_which_none_counts_say_why_with_all_their_images():
     got = _collect_cycles(hear(pairs), "")
     assert got.count is None and got.error == (
         "cycle at 1.000 s: too few; none of 2 cycles gives a count; 8 images in the bag, "
-        "skipped {'no_tf': 6}")
+        "skipped {'no_tf': 6}; stack-counter doctor BAG says what to change")

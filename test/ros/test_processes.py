@@ -67,9 +67,9 @@ def test_a_process_that_ran_long_starts_again_at_once(clock, starts, tmp_path):
     assert process.take_death() and process.restart_at == clock[0]
 
 
-def test_a_process_that_ignores_sigint_is_killed(monkeypatch):
+def test_a_process_that_ignores_sigterm_is_killed(monkeypatch):
     monkeypatch.setattr(processes, "SETTINGS", processes.ProcessSettings(stop_timeout_s=0.5))
-    code = "import signal, time\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n" \
+    code = "import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\n" \
            "print('up', flush=True)\ntime.sleep(60)"
     stubborn = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert stubborn.stdout.readline() == "up\n"

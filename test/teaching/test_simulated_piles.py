@@ -11,9 +11,12 @@ from kits.known_parts import ConstantEstimator, stack_volume_of_box
 from stack_counter.config import Config, CounterConfig, ReconstructorConfig
 from stack_counter.container.catalogue import TaughtContainer, save_container
 from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall
-from stack_counter.errors import ScanError
+from stack_counter.errors import PartError, ScanError
 from stack_counter.teaching.add_part import make_pile_request
 from stack_counter.teaching.simulated_piles import (
+    SETTINGS,
+    Pile,
+    _refuse_restless,
     counted_reading,
     make_pile,
     make_rig_container,
@@ -70,3 +73,12 @@ def test_a_pile_is_seen_from_around_and_from_above():
         assert 0.3 <= seen.friction <= 0.4 and 0 < seen.volume_std < 0.3
         assert 0.35 < np.exp(seen.reading.log_gamma_counted) < 0.85
         assert 0.7 < seen.reading.width * length / np.sqrt(size[0] * size[1]) < 1.3
+
+
+def test_a_part_is_refused_only_where_most_piles_come_to_no_rest():
+    rests = Pile(None, None)
+    fails = Pile(None, None, ("unsettled",) * (SETTINGS.max_tries - 1) + ("penetration",))
+    mixed = [rests, fails] * 5
+    assert list(_refuse_restless(mixed)) == mixed
+    with pytest.raises(PartError, match=r"4 of 5 piles failed 12 times each \(11 x unsett"):
+        list(_refuse_restless([rests, fails, fails, fails, fails]))

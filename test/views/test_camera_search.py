@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from stack_counter.config import CollectorConfig, Config, build_section, load_config
-from stack_counter.views.camera_search import find_cameras, lines_to_paste
+from stack_counter.views.camera_search import find_cameras, is_rectified, lines_to_paste
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 INFO, CLOUD = "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/PointCloud2"
@@ -114,6 +114,15 @@ def test_of_several_those_with_depth_are_left():
 def test_other_types_are_no_images():
     assert find_cameras({"/a/color/image_raw": "my_msgs/msg/Image",
                          "/a/color/camera_info": INFO}) == []
+
+
+@pytest.mark.parametrize("topic, expected", [
+    ("/camera/color/image_raw", False), ("/camera/color/image_rect_color", True),
+    ("/camera/color/image_rect_color/compressed", True), ("/kinect2/hd/image_color_rect", True),
+    ("/zed/zed_node/rgb/color/rect/image", True), ("/direct/rgb/image", False),
+    ("/rect/cam/color/image_raw", False), ("", False)])
+def test_rectified_images_are_known_by_name(topic, expected):
+    assert is_rectified(topic) == expected
 
 
 PRESETS = sorted((Path(__file__).parents[2] / "config" / "cameras").glob("*.yaml"))

@@ -59,10 +59,16 @@ def find_file(scene: Path, name: str, suffixes: tuple[str, ...]) -> Path | None:
     return next((other for other in others if other.is_file()), None)
 
 
-def read_jpeg(path: Path) -> tuple[bytes, tuple[int, int]]:
+def read_jpeg(path: Path, stated: tuple[int, int] | None = None
+              ) -> tuple[bytes, tuple[int, int]]:
     """Reads a picture: a JPEG file as it is, another one as what it is as a JPEG.
 
-    An EXIF orientation does not count: the calibration is that of the pixels as stored.
+    An EXIF orientation does not count, as the calibration is that of the pixels as stored, unless
+    the size stated is that of the picture when turned by it.
+
+    Args:
+        path: of the picture.
+        stated: width and height that the calibration is for, pixels; None where it does not say.
 
     Returns:
         The content, and width and height, pixels.
@@ -71,14 +77,23 @@ def read_jpeg(path: Path) -> tuple[bytes, tuple[int, int]]:
         BagError: it does not decode.
     """
     content = path.read_bytes()
-    image = cv2.imdecode(np.frombuffer(content, np.uint8),
-                         cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) if content else None
-    if image is None:
-        raise BagError(f"{path} does not decode; expected a picture")
-    if not content.startswith(_JPEG_HEAD):
+    image = _decode(path, content, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    is_turned = stated == image.shape[:2] and image.shape[0] != image.shape[1]
+    if is_turned:
+        image = _decode(path, content, cv2.IMREAD_COLOR)
+    if is_turned or not content.startswith(_JPEG_HEAD):
         options = [cv2.IMWRITE_JPEG_QUALITY, SETTINGS.jpeg_quality]
         content = cv2.imencode(".jpg", image, options)[1].tobytes()
     return content, (image.shape[1], image.shape[0])
+
+
+def _decode(path: Path, content: bytes, how: int) -> np.ndarray:
+    """(h, w, 3) uint8 BGR of a picture file's content. Raises BagError: it does not decode."""
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), how) if content else None
+    if image is None:
+        raise BagError(f"{path} does not decode; expected a picture of "
+                       f"{', '.join(PICTURE_SUFFIXES)}: convert it")
+    return image
 
 
 def read_depth(path: Path, size: tuple[int, int], unit: float | None) -> np.ndarray:

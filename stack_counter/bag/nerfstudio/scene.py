@@ -25,6 +25,7 @@ from stack_counter.bag.nerfstudio.images import (
     read_jpeg,
     read_mask,
 )
+from stack_counter.bag.nerfstudio.leveling import find_turn
 from stack_counter.bag.nerfstudio.stacking import (
     CONTAINER_FOLDER,
     PARTS_FOLDER,
@@ -33,10 +34,13 @@ from stack_counter.bag.nerfstudio.stacking import (
 )
 from stack_counter.bag.nerfstudio.transforms import (
     Frame,
+    depth_unit,
+    key_of_colmap,
     position_scale,
     read_frames,
     read_intrinsics,
     read_pose,
+    stated_size,
 )
 from stack_counter.bag.writer import write_bag
 from stack_counter.errors import BagError
@@ -57,10 +61,13 @@ class ImportSettings:
         step_ns: time between two pictures, which have none of their own, ns; chosen.
         dense_share: least share of a picture's pixels with depth that a depth camera measured;
             depth of matched points has far less. Chosen.
+        level_views: number of pictures, from all over the scene, whose depth says what is level;
+            chosen.
     """
 
     step_ns: int = 10**8
     dense_share: float = 0.1
+    level_views: int = 24
 
 
 SETTINGS = ImportSettings()
@@ -112,12 +119,15 @@ def import_scene(scene: Path, out: Path) -> str:
                        "frames in transforms.json, or take the key out")
     facts = read_facts(scene)
     _check_scale(scene, found, facts)
+    deep = [item for item in found if item[1].depth is not None]
+    turn = find_turn(view for view, _ in _read_views(
+        deep[::max(len(deep) // SETTINGS.level_views, 1)]))
     # Read the images while the bag is written: they would not all fit into memory as numbers.
-    views, jpegs = tee(_read_views(found))
+    views, jpegs = tee(_read_views(found, turn))
     write_bag(out, (view for view, _ in views), jpegs=(jpeg for _, jpeg in jpegs))
     if facts.parts:
         (out / "truth.json").write_text(json.dumps({"count": facts.parts}) + "\n")
-    return _describe(out, found, missing, facts)
+    return _describe(out, found, missing, facts, turn)
 
 
 def _name_unnamed_depth(scene: Path, frames: list[Frame]) -> list[Frame]:
@@ -194,33 +204,52 @@ def _check_scale(scene: Path, found: list[tuple[Frame, _Files]], facts: SceneFac
         BagError: nothing says so.
     """
     first, files = found[0]
-    if "colmap_im_id" not in first or "applied_scale" in first or facts.unit_volume_cm3:
+    if not key_of_colmap(first) or "applied_scale" in first or facts.unit_volume_cm3:
         return
     if files.depth is not None:
         view, _ = next(_read_views(found[:1]))
         if np.mean(np.asarray(view.depth) > 0) >= SETTINGS.dense_share:
             return
-    raise BagError(f"{scene}: the poses are COLMAP's (colmap_im_id), whose unit is any length; "
-                   "expected applied_scale in transforms.json: a length in their unit over the "
-                   "same length in metres, 1.0 where they are metres")
+    raise BagError(f"{scene}: the poses are COLMAP's ({key_of_colmap(first)}), whose unit is any "
+                   "length; expected applied_scale in transforms.json: a length in their unit "
+                   "over the same length in metres, 1.0 where they are metres")
 
 
-def _read_views(found: list[tuple[Frame, _Files]]) -> Iterator[tuple[View, bytes]]:
+def _read_views(found: list[tuple[Frame, _Files]], turn: np.ndarray = np.eye(4)
+                ) -> Iterator[tuple[View, bytes]]:
     """Yields the views, without their colour, and their JPEG files.
+
+    Args:
+        found: the frames with their files.
+        turn: (4, 4) pose of the scene's world in the one of the views.
 
     Raises:
         BagError: an image or a calibration cannot be used.
     """
     for number, (frame, files) in enumerate(found, 1):
-        jpeg, size = read_jpeg(files.picture)
-        view = View(number * SETTINGS.step_ns, read_intrinsics(frame, *size), read_pose(frame),
-                    camera=_FRAME, labels=_read_labels(files, size))
+        jpeg, size = read_jpeg(files.picture, stated_size(frame))
+        view = View(number * SETTINGS.step_ns, read_intrinsics(frame, *size),
+                    turn @ read_pose(frame), camera=_FRAME, labels=_read_labels(files, size))
         if files.depth is not None:
-            view = replace(view, depth=read_depth(files.depth, size,
-                                                  frame.get("depth_unit_scale_factor")))
+            view = replace(view, depth=_read_depth(frame, files.depth, size))
         if files.mask is not None:
             view = _leave_out(view, read_mask(files.mask, size))
         yield view, jpeg
+
+
+def _read_depth(frame: Frame, path: Path, size: tuple[int, int]) -> np.ndarray:
+    """(h, w) float32 depth of a picture, metres.
+
+    Raises:
+        BagError: it cannot be used.
+    """
+    try:
+        return read_depth(path, size, depth_unit(frame))
+    except BagError as error:
+        if folder := frame.get(_UNNAMED):
+            raise BagError(f"{error}; rename {folder}/, which transforms.json does not name, if "
+                           "it holds no depth") from error
+        raise
 
 
 def _read_labels(files: _Files, size: tuple[int, int]) -> np.ndarray | None:
@@ -243,7 +272,7 @@ def _leave_out(view: View, mask: np.ndarray) -> View:
 
 
 def _describe(out: Path, found: list[tuple[Frame, _Files]], missing: Counter[str],
-              facts: SceneFacts) -> str:
+              facts: SceneFacts, turn: np.ndarray) -> str:
     """The line that says what is in the bag."""
     every = [files for _, files in found]
     labelled = sum(files.labels is not None or files.parts is not None for files in every)
@@ -257,6 +286,9 @@ def _describe(out: Path, found: list[tuple[Frame, _Files]], missing: Counter[str
     line += "".join(f", {text}" for text in _count_lines(missing))
     if (scale := position_scale(found[0][0])) != 1.0:
         line += f"; positions divided by the scale applied, {scale:.6g}"
+    if turn[2, 2] < 1:
+        angle = float(np.rad2deg(np.arccos(turn[2, 2])))
+        line += f"; turned by {angle:.1f} degrees, as its support shows, so that z is up"
     if facts.unit_volume_cm3:
         line += (f"; one part has {facts.unit_volume_cm3:g} cm3: stack-counter replay {out} "
                  f"--unit-volume-cm3 {facts.unit_volume_cm3:g}")

@@ -19,6 +19,8 @@ _COEFFICIENTS = {"plumb_bob": ("k1", "k2", "p1", "p2", "k3"),
                  "equidistant": ("k1", "k2", "k3", "k4")}
 # Keys of the coefficients in nerfstudio's list `distortion_params`.
 _LISTED = ("k1", "k2", "k3", "k4", "p1", "p2")
+# Instant NGP's names of keys -> nerfstudio's.
+_OTHER_NAMES = {"depth_path": "depth_file_path", "integer_depth_scale": "depth_unit_scale_factor"}
 # From the optical frame (y down, z forward) to nerfstudio's camera (y up, z back).
 _T_CAMERA_OPTICAL = np.diag([1.0, -1, -1, 1])
 # Largest deviation of a rotation's columns from unit vectors across each other; chosen.
@@ -43,8 +45,8 @@ def read_frames(scene: Path) -> list[Frame]:
     try:
         document = json.loads(path.read_text())
         common = {key: value for key, value in document.items() if key != "frames"}
-        frames = [{**common, **frame} for frame in document["frames"]]
-        return sorted(frames, key=lambda frame: str(frame["file_path"]))
+        frames = [_renamed({**common, **frame}) for frame in document["frames"]]
+        return sorted(frames, key=lambda frame: frame["file_path"])
     except (FileNotFoundError, NotADirectoryError) as error:
         others = sorted(other.name for other in scene.glob("transforms*.json"))
         raise BagError(f"no transforms.json in {scene}; expected a nerfstudio scene"
@@ -52,6 +54,12 @@ def read_frames(scene: Path) -> list[Frame]:
                           " (or pictures alone, with --reference)")) from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise BagError(f"{path} is malformed at {error}; expected nerfstudio's keys") from error
+
+
+def _renamed(frame: Frame) -> Frame:
+    """The keys of a picture with those of Instant NGP under nerfstudio's names."""
+    return {**{name: frame[other] for other, name in _OTHER_NAMES.items() if other in frame},
+            **frame, "file_path": str(frame["file_path"]).replace("\\", "/")}
 
 
 def position_scale(frame: Frame) -> float:
@@ -72,6 +80,14 @@ def position_scale(frame: Frame) -> float:
         raise BagError(f"applied_scale and applied_transform scale positions by {scale}; expected "
                        "a number above 0")
     return 1.0 if abs(scale - 1) < 1e-6 else scale
+
+
+def key_of_colmap(frame: Frame) -> str:
+    """The key by which a picture's pose is known to be COLMAP's; empty where there is none.
+
+    It is nerfstudio's (`colmap_im_id`) or that of Instant NGP's `colmap2nerf.py` (`sharpness`).
+    """
+    return next((key for key in ("colmap_im_id", "sharpness") if key in frame), "")
 
 
 def read_pose(frame: Frame) -> np.ndarray:
@@ -98,6 +114,33 @@ def read_pose(frame: Frame) -> np.ndarray:
     return T @ _T_CAMERA_OPTICAL
 
 
+def stated_size(frame: Frame) -> tuple[int, int] | None:
+    """Width and height that a picture's calibration is for, pixels; None: it does not say.
+
+    Raises:
+        BagError: they are no numbers.
+    """
+    try:
+        return (int(frame["w"]), int(frame["h"])) if "w" in frame and "h" in frame else None
+    except (TypeError, ValueError) as error:
+        raise BagError(f"w or h of {frame['file_path']} is malformed ({error}); expected pixels"
+                       ) from error
+
+
+def depth_unit(frame: Frame) -> float | None:
+    """Metres in one step of a picture's depth; None where the frame does not say.
+
+    Raises:
+        BagError: it is no number.
+    """
+    unit = frame.get("depth_unit_scale_factor")
+    try:
+        return None if unit is None else float(unit)
+    except (TypeError, ValueError) as error:
+        raise BagError(f"depth_unit_scale_factor is {unit!r}; expected metres in one step of "
+                       "depth") from error
+
+
 def read_intrinsics(frame: Frame, width: int, height: int) -> Intrinsics:
     """Calibration of a picture of this size, pixels.
 
@@ -108,17 +151,18 @@ def read_intrinsics(frame: Frame, width: int, height: int) -> Intrinsics:
     name = frame["file_path"]
     model = _distortion_model(frame)
     try:
-        stated = int(frame.get("w", width)), int(frame.get("h", height))
+        stated = stated_size(frame) or (width, height)
         if stated != (width, height):
             raise BagError(f"{name} is {width}x{height} and transforms.json says "
                            f"{stated[0]}x{stated[1]}; expected alike: a calibration holds for "
-                           "one size")
+                           "one size, so take pictures of that, or scale w, h, fl_x, fl_y, cx "
+                           "and cy with them")
         fx = _focal_length(frame, "x", width)
         fy = _focal_length(frame, "y", height) or fx
         if not fx or not fy:
             raise BagError(f"{name} lacks fl_x; expected it, or camera_angle_x")
-        return Intrinsics(width, height, fx, fy, float(frame.get("cx", width / 2)),
-                          float(frame.get("cy", height / 2)), model,
+        return Intrinsics(width, height, fx, fy, _principal_point(frame, "cx", width),
+                          _principal_point(frame, "cy", height), model,
                           _coefficients(frame, model))
     except (TypeError, ValueError) as error:
         raise BagError(f"{name}: the calibration is malformed ({error}); expected numbers under "
@@ -143,6 +187,16 @@ def _focal_length(frame: Frame, axis: str, size: int) -> float:
     angle = float(frame.get(f"camera_angle_{axis}")
                   or np.deg2rad(frame.get(f"{axis}_fov") or 0.0))
     return float(size / 2 / np.tan(angle / 2)) if angle else 0.0
+
+
+def _principal_point(frame: Frame, key: str, size: int) -> float:
+    """Place where the optical axis meets the picture, pixels, whole numbers at pixel centres.
+
+    COLMAP's centres lie on halves; and half the size, where the format's tools put a point that
+    they do not measure, is meant to be the middle of the picture.
+    """
+    point = float(frame.get(key, size / 2))
+    return point - 0.5 if key_of_colmap(frame) or point == size / 2 else point
 
 
 def _coefficients(frame: Frame, model: str) -> tuple[float, ...]:

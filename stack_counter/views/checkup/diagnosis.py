@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stack_counter.config import ReconstructorConfig
 from stack_counter.views.checkup.checkup import Checkup
 from stack_counter.views.checkup.findings import Finding, Severity, stops_count
 from stack_counter.views.checkup.pictures import median
@@ -21,7 +22,6 @@ class DiagnosisSettings:
         skipped_share: share of the images that are skipped for one reason.
         valid_share: smallest share of valid depth.
         sharp_share: smallest share of sharp tiles of those that show something.
-        likely_m: distances of a bin from a camera, metres.
         units_m: units in which drivers send depth, metres.
         clocks_s: largest difference of two clocks, seconds: what TF may be late.
     """
@@ -29,7 +29,6 @@ class DiagnosisSettings:
     skipped_share: float = 0.1
     valid_share: float = 0.3
     sharp_share: float = 0.3
-    likely_m: tuple[float, float] = (0.15, 3.0)
     units_m: tuple[float, ...] = (1.0, 0.001, 0.0001)
     clocks_s: float = 0.5
 
@@ -60,23 +59,25 @@ _REMEDIES = {
 _USUAL = ("duplicate",)  # of a camera that stood still, which is fine if others are left
 
 
-def diagnose(check: Checkup, min_views: int, has_prompts: bool = False,
+def diagnose(check: Checkup, min_views: int, reconstructor: ReconstructorConfig,
              left_out: str = "") -> list[Finding]:
     """What keeps the cameras from a count, or makes it worse.
 
     Args:
         check: has taken all messages.
-        min_views: of the reconstructor.
-        has_prompts: what is counted is marked, so that neither depth nor labels are needed.
+        min_views: so many are enough.
+        reconstructor: says which depth is used, and whether what is counted is marked, so that
+            neither depth nor labels are needed.
         left_out: says why depth that is there is not used; empty: there is none, or it is used.
 
     Returns:
         Of equal severity in the order in which a view needs its parts.
     """
-    few = check.assembler.tally.used < min_views
-    findings = [*_silent_streams(check), *_frame_findings(check), *_clock_findings(check, few),
-                *_skipped_views(check, few), *_missing_depth(check, has_prompts, left_out),
-                *_picture_findings(check, few)]
+    few, has_prompts = check.assembler.tally.used < min_views, bool(reconstructor.prompts)
+    findings = [*_silent_streams(check), *_frame_findings(check), *_bad_poses(check, few),
+                *_clock_findings(check, few), *_skipped_views(check, few),
+                *_missing_depth(check, has_prompts, left_out),
+                *_depth_findings(check, few, reconstructor), *_blur_findings(check)]
     return findings if stops_count(findings) else [*findings, *_few_views(check, min_views)]
 
 
@@ -105,6 +106,14 @@ def _frame_findings(check: Checkup) -> list[Finding]:
                     f"world_frame '{world}'{known}",
                     f"set world_frame to '{chain[0]}' if its z axis points up, or publish a "
                     f"transform from '{world}' to '{chain[0]}'")]
+
+
+def _bad_poses(check: Checkup, few: bool) -> list[Finding]:
+    """Transforms or poses that were dropped: they are none."""
+    lines = [a.last_error["bad_pose"] for a in check.assembler.assemblers.values()
+             if "bad_pose" in a.last_error]
+    return [Finding(Severity.STOPS if few else Severity.HARMS, line, _REMEDIES["bad_pose"])
+            for line in lines[:1]]  # all cameras hear the same transforms
 
 
 def _skipped_views(check: Checkup, few: bool) -> list[Finding]:
@@ -166,37 +175,46 @@ def _clock_findings(check: Checkup, few: bool) -> list[Finding]:
                     "let all use the same use_sim_time")]
 
 
-def _picture_findings(check: Checkup, few: bool) -> list[Finding]:
-    """Depth in a wrong unit or with much of it missing, and pictures without anything sharp."""
+def _depth_findings(check: Checkup, few: bool, reconstructor: ReconstructorConfig
+                    ) -> list[Finding]:
+    """Depth in a wrong unit, or with much of it missing."""
     p, depth, findings = check.pictures, check.stream_of("depth"), []
     topic = depth.topic if depth else ""
-    nearest, farthest = SETTINGS.likely_m
-    reasons = check.assembler.tally.skipped
     findings += [Finding(Severity.STOPS if few else Severity.HARMS, str(error),
                          _REMEDIES.get(reason, ""))
-                 for reason, error in check.picture_errors.items() if reason not in reasons]
+                 for reason, error in check.picture_errors.items()
+                 if reason not in check.assembler.tally.skipped]
+    nearest, farthest = reconstructor.depth_min, reconstructor.depth_trunc
     distance = median(p.distances)
     if p.distances and not nearest <= distance <= farthest:
         used = check.assembler.rig.cameras[0].config.depth_scale \
             or (1.0 if depth and "32FC1" in depth.form else 0.001)
         scale = next((unit for unit in SETTINGS.units_m
                       if nearest <= distance / used * unit <= farthest), None)
+        near, far = np.median(p.ranges, axis=0)
         findings.append(Finding(
-            Severity.STOPS, f"half of the depth on {topic} is "
+            Severity.STOPS if near > farthest or far < nearest else Severity.HARMS,
+            f"half of the depth on {topic} is "
             f"{'nearer' if distance < nearest else 'farther'} than {distance:.3g} m, taken in "
-            f"units of {used:g} m; expected {nearest:g} to {farthest:g} m",
-            f"set depth_scale to {scale:g}, the metres of a unit" if scale else
-            "set depth_scale to the metres of a unit, or bring the camera nearer"))
+            f"units of {used:g} m; expected {nearest:g} to {farthest:g} m (depth_min, "
+            "depth_trunc)", "if that is not so, "
+            + (f"set depth_scale to {scale:g}, the metres of a unit" if scale else
+               "set depth_scale to the metres of a unit") + "; else bring the camera nearer"))
     if p.valid and median(p.valid) < SETTINGS.valid_share:
         findings.append(Finding(
             Severity.HARMS, f"{median(p.valid):.0%} of the depth on {topic} is valid; expected "
             f"{SETTINGS.valid_share:.0%} or more", "bring the camera into its range, switch its "
             "projector on, and keep sun and glossy surfaces out"))
-    if p.sharp and median(p.sharp) < SETTINGS.sharp_share and "blurred" not in reasons:
-        findings.append(Finding(
-            Severity.HARMS, f"the pictures are blurred, {median(p.sharp):.0%} of what they show "
-            f"is sharp; expected {SETTINGS.sharp_share:.0%} or more", _REMEDIES["blurred"]))
     return findings
+
+
+def _blur_findings(check: Checkup) -> list[Finding]:
+    """Pictures without anything sharp."""
+    sharp = median(check.pictures.sharp)
+    return [] if "blurred" in check.assembler.tally.skipped or not sharp < SETTINGS.sharp_share \
+        else [Finding(
+            Severity.HARMS, f"the pictures are blurred, {sharp:.0%} of what they show is sharp; "
+            f"expected {SETTINGS.sharp_share:.0%} or more", _REMEDIES["blurred"])]
 
 
 def _few_views(check: Checkup, min_views: int) -> list[Finding]:

@@ -42,11 +42,13 @@ class PictureStatistics:
     Attributes:
         valid: share of valid depth in each.
         distances: median of the valid depth of each, metres.
+        ranges: 5% and 95% of the valid depth of each, metres.
         sharp: share that is sharp of what shows something, in each; of a blank one 0.
     """
 
     valid: list[float] = field(default_factory=list)
     distances: list[float] = field(default_factory=list)
+    ranges: list[tuple[float, float]] = field(default_factory=list)
     sharp: list[float] = field(default_factory=list)
 
     def add_depth(self, depth: np.ndarray) -> None:
@@ -54,7 +56,9 @@ class PictureStatistics:
         valid = depth > 0
         self.valid.append(float(valid.mean()))
         if valid.any():
-            self.distances.append(float(np.median(depth[valid])))
+            near, middle, far = np.quantile(depth[valid], (0.05, 0.5, 0.95)).tolist()
+            self.distances.append(middle)
+            self.ranges.append((near, far))
 
     def add_color(self, color: np.ndarray) -> None:
         """Takes (h, w, 3) uint8 RGB."""

@@ -56,7 +56,7 @@ class Stream:
         """
         rate = count / seconds if seconds > 0 else 0.0
         each = self.size / max(len(self.stamps), 1)
-        return (f"{self.content:9}{self.topic}  {count} at {rate:.3g} Hz"
+        return (f"{self.content:8} {self.topic}  {count} at {rate:.3g} Hz"
                 + (f", {self.form}" if self.form else "") + f", {rate * each / 1e6:.3g} MB/s"
                 + (f", frame {self.frame}" if self.frame else ""))
 

@@ -16,14 +16,23 @@ def stamp_ns(stamp: Any) -> int:
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
-def intrinsics_of_camera_info(message: Any) -> Intrinsics:
+def intrinsics_of_camera_info(message: Any, rectified: bool = False) -> Intrinsics:
     """Returns the calibration of the images that come with a `CameraInfo`, unchecked.
 
     Its K is that of the full sensor; a region of interest (`roi`) and binning are applied to it as
     image_geometry does. Field names in both ROS spellings (k, K).
+
+    Args:
+        message: the `CameraInfo`.
+        rectified: the images are, so that its P holds, without distortion; of a driver that
+            leaves P empty, K and distortion.
     """
     k = [float(x) for x in (message.k if hasattr(message, "k") else message.K)]
     d = message.d if hasattr(message, "d") else message.D
+    model = str(message.distortion_model)
+    if rectified and (p := np.reshape(message.p if hasattr(message, "p") else message.P,
+                                      (3, 4)).astype(float))[0, 0] > 0:
+        k, d, model = p[:, :3].ravel().tolist(), (), ""
     width, height = int(message.width), int(message.height)
     left = top = 0
     if roi := getattr(message, "roi", None):
@@ -33,7 +42,7 @@ def intrinsics_of_camera_info(message: Any) -> Intrinsics:
     bin_y = max(int(getattr(message, "binning_y", 1)), 1)
     return Intrinsics(width // bin_x, height // bin_y, k[0] / bin_x, k[4] / bin_y,
                       (k[2] - left) / bin_x, (k[5] - top) / bin_y,
-                      str(message.distortion_model), tuple(float(x) for x in d))
+                      model, tuple(float(x) for x in d))
 
 
 def pose_to_matrix(pose: Any) -> np.ndarray:

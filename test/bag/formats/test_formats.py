@@ -240,6 +240,11 @@ def test_a_folder_is_one_recording(tmp_path, messages):
         BagReader(folder)
 
 
+def test_a_folder_may_be_named_by_its_metadata(tmp_path, messages):
+    folder = rosbag2(tmp_path / "bag", messages)
+    assert read(folder / "metadata.yaml") == read(folder)
+
+
 def test_files_packed_or_unpacked_since_are_found(tmp_path, messages):
     expected = [(t, topic, data) for t, topic, _, data in messages]
     folder = rosbag2(tmp_path / "a", messages)

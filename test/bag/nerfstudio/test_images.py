@@ -4,6 +4,7 @@
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from stack_counter.bag.nerfstudio.images import (
     find_file,
@@ -42,6 +43,20 @@ def test_a_jpeg_is_told_by_its_content(tmp_path):
     (tmp_path / "b.png").write_bytes(b"no picture")
     with pytest.raises(BagError, match="b.png does not decode"):
         read_jpeg(tmp_path / "b.png")
+
+
+def test_exif_turns_a_picture_only_to_the_size_that_is_stated(tmp_path):
+    pixels = np.zeros((60, 80, 3), np.uint8)
+    pixels[:20, :20] = 200  # upper left
+    exif = Image.Exif()
+    exif[0x0112] = 6  # to be turned to the right
+    path = tmp_path / "a.jpg"
+    Image.fromarray(np.ascontiguousarray(np.rot90(pixels))).save(path, exif=exif)
+    for stated in (None, (60, 80), (1, 2)):
+        assert read_jpeg(path, stated) == (path.read_bytes(), (60, 80))
+    content, size = read_jpeg(path, (80, 60))
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+    assert size == (80, 60) and np.abs(image.astype(int) - pixels).mean() < 3
 
 
 @pytest.mark.parametrize("name, values, unit", [

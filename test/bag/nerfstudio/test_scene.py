@@ -102,6 +102,16 @@ def test_depth_is_used_and_masked_by_masks(tmp_path, keys):
         assert not view.depth[:40].any() and np.allclose(view.depth[40:], 0.5)
 
 
+def test_a_folder_called_depth_that_holds_none_is_named(tmp_path):
+    scene = add_images(make_scene(tmp_path / "scene"), "depth", np.zeros((120, 160, 3), np.uint8))
+    with pytest.raises(BagError, match="expected one channel .*; rename depth/, which"):
+        import_scene(scene, tmp_path / "out")
+    keys = {"depth_file_path": "depth/{}.png", "depth_unit_scale_factor": "mm"}
+    with pytest.raises(BagError, match="depth_unit_scale_factor is 'mm'; expected metres"):
+        import_scene(add_images(make_scene(tmp_path / "b", keys), "depth",
+                                np.full((120, 160), 500, np.uint16)), tmp_path / "out")
+
+
 def test_what_a_mask_leaves_out_has_no_label_and_gets_none_by_prompts(tmp_path):
     mask = np.full((120, 160), 255, np.uint8)
     mask[:40] = 0
@@ -135,9 +145,17 @@ def test_a_mask_is_not_carved_by(tmp_path):
     assert carve_visual_hull(views, 0.01, 0.5).volume >= whole
 
 
-def test_poses_of_colmap_must_state_their_scale(tmp_path):
-    keys = {"colmap_im_id": 1}
-    with pytest.raises(BagError, match="COLMAP's .* expected applied_scale"):
+def test_depth_is_found_by_the_keys_of_instant_ngp(tmp_path):
+    scene = make_scene(tmp_path / "scene", {"depth_path": "d/{}.png"}, integer_depth_scale=1e-4)
+    add_images(scene, "d", np.full((120, 160), 5000, np.uint16))
+    assert "3 with depth" in import_scene(scene, tmp_path / "out")
+    assert np.allclose(views_of(tmp_path / "out")[0].depth, 0.5)
+
+
+@pytest.mark.parametrize("key", ["colmap_im_id", "sharpness"])
+def test_poses_of_colmap_must_state_their_scale(tmp_path, key):
+    keys = {key: 1}
+    with pytest.raises(BagError, match=f"COLMAP's .{key}.* expected applied_scale"):
         import_scene(make_scene(tmp_path / "scene", keys), tmp_path / "out")
     said = import_scene(make_scene(tmp_path / "scaled", keys, applied_scale=2.0),
                         tmp_path / "out_scaled")

@@ -40,7 +40,16 @@ def test_listed_coefficients_are_in_nerfstudios_order():
 def test_an_angle_of_view_gives_the_focal_length(keys, fx, fy):
     k = read_intrinsics({"file_path": "a", **keys}, 640, 480)
     assert (k.fx, k.fy) == pytest.approx((fx, fy))
-    assert (k.width, k.height, k.cx, k.cy) == (640, 480, 320, 240)
+    assert (k.width, k.height, k.cx, k.cy) == (640, 480, 319.5, 239.5)
+
+
+@pytest.mark.parametrize("keys, point", [
+    ({}, (319, 239)), ({"cx": 320.0, "cy": 240.0}, (319.5, 239.5)),
+    ({"cx": 319.5, "cy": 239.5}, (319.5, 239.5)), ({"colmap_im_id": 1}, (318.5, 238.5)),
+    ({"sharpness": 90.0}, (318.5, 238.5))])
+def test_a_principal_point_is_between_whole_pixels_whatever_tool_has_written_it(keys, point):
+    k = read_intrinsics({**FRAME, **keys}, 640, 480)
+    assert (k.cx, k.cy) == point
 
 
 @pytest.mark.parametrize("keys, said", [

@@ -150,6 +150,16 @@ def test_camera_info_in_both_spellings():
     assert decoding.intrinsics_of_camera_info(older) == given
 
 
+def test_rectified_images_have_the_projection_and_no_distortion():
+    given = replace(kit.SMALL, distortion_model="plumb_bob", distortion=(-0.3, 0.1, 0, 0, 0))
+    p = np.array([140.0, 0, 80, 0, 0, 141, 60, 0, 0, 0, 1, 0])
+    message = replace(kit.camera_info(given), p=p)
+    found = decoding.intrinsics_of_camera_info(message, rectified=True)
+    assert found == replace(kit.SMALL, fx=140.0, fy=141.0, cx=80.0, cy=60.0)
+    empty = replace(message, p=np.zeros(12))
+    assert decoding.intrinsics_of_camera_info(empty, rectified=True) == given
+
+
 def test_stamps_keep_every_nanosecond():
     stamp = 1_700_000_000_123_456_789
     assert decoding.stamp_ns(kit.header(stamp).stamp) == stamp

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stack_counter import geometry
-from stack_counter.pictures.upright import find_upright_pose
+from stack_counter.bag.upright import find_upright_pose
 
 CAMERAS = np.array([geometry.look_at(np.array([0.5 * np.cos(a), 0.5 * np.sin(a), 0.4]),
                                      np.zeros(3)) for a in np.arange(6)])
