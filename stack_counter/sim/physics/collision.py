@@ -68,7 +68,8 @@ def convex_pieces(shape: Shape, decompose: bool = True) -> list[np.ndarray]:
         decompose: False takes the hull of any part, as the paper does.
 
     Raises:
-        ShapeError: `no decomposition`: the faces of its mesh make no solid.
+        ShapeError: `no solid`: the faces of its mesh make none.
+        CutterError: the process that cuts it was killed.
     """
     if not decompose or shape.convexity > SETTINGS.convex_from:
         return [_hull_corners(shape.mesh.convex_hull, SETTINGS.hull_corners)]
