@@ -51,7 +51,7 @@ class FlatCutSettings:
 SETTINGS = FlatCutSettings()
 _CUTTER = Path(__file__).with_name("flat_cutter.py")
 # Exit codes: beyond the budget, beyond the guard, and CoACD's own crashes
-_TOO_MANY_CUTS = 3
+_TOO_MANY_CUTS = 3  # as in `flat_cutter`
 _ENDS_OF_A_MESH = (_TOO_MANY_CUTS, -signal.SIGXCPU, -signal.SIGSEGV, -signal.SIGABRT,
                    -signal.SIGFPE)
 
@@ -97,7 +97,7 @@ def cut_flat(vertices: np.ndarray, faces: np.ndarray, threshold: float) -> list[
 
 def _ask(process: subprocess.Popen[str], line: str) -> str:
     """What a process writes to its end when it has read a line; empty if it reads none."""
-    assert process.stdin and process.stdout
+    assert process.stdin and process.stdout  # for the type checker: both are pipes
     try:
         process.stdin.write(line + "\n")
         process.stdin.flush()

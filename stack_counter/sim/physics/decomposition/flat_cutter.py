@@ -18,7 +18,7 @@ import numpy as np
 
 from stack_counter.child_processes import end_with_parent
 
-TOO_MANY_CUTS = 3  # exit code
+TOO_MANY_CUTS = 3  # exit code, as in `flat_cuts`
 _WAITING = re.compile(rb"waiting pool: (\d+)")
 
 
