@@ -132,7 +132,9 @@ def simulate_piles(request: PileRequest, count: int, workers: int) -> Iterator[P
         yield from _refuse_restless(map(make, range(count)))
         return
     with worker_pool(workers) as pool:
-        yield from _refuse_restless(pool.map(make, range(count)))
+        # Not by `map`: where it is interrupted it cancels futures that the pool then stumbles over.
+        jobs = [pool.submit(make, index) for index in range(count)]
+        yield from _refuse_restless(job.result() for job in jobs)
 
 
 def _refuse_restless(piles: Iterable[Pile]) -> Iterator[Pile]:
