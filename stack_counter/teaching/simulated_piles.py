@@ -132,7 +132,7 @@ def simulate_piles(request: PileRequest, count: int, workers: int) -> Iterator[P
         yield from _refuse_restless(map(make, range(count)))
         return
     with worker_pool(workers) as pool:
-        # Not by `map`: where it is interrupted it cancels futures that the pool then stumbles over.
+        # Not by `map`: interrupted, it cancels futures that the pool then stumbles over.
         jobs = [pool.submit(make, index) for index in range(count)]
         yield from _refuse_restless(job.result() for job in jobs)
 
