@@ -285,8 +285,8 @@ def read_parameters(path: Path) -> dict[str, dict[str, Any]]:
 
 def to_ros_parameters(config: Config) -> str:
     """The settings as a ROS parameter file that `load` and the nodes read."""
-    return parameter_files.write_parameter_file({node: _to_ros_values(values)
-                                 for node, values in vars(config).items()})
+    return parameter_files.write_parameter_file(
+        {node: _to_ros_values(values) for node, values in vars(config).items()})
 
 
 def _to_ros_values(section: Any) -> dict[str, Any]:
