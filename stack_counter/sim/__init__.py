@@ -19,7 +19,7 @@ from stack_counter.sim.hard.kinds import HARD_KINDS, hard_kind, make_hard_scan
 from stack_counter.sim.hard.piles import read_piles
 from stack_counter.sim.hard.scan import HardScan
 from stack_counter.sim.ideal import IdealSurface, ideal_surface
-from stack_counter.sim.physics.collision import convex_pieces
+from stack_counter.sim.physics.collision import convex_pieces, rough_form
 from stack_counter.sim.physics.container_draws import draw_deep_container
 from stack_counter.sim.physics.decomposition.form import PieceForm, measure_form
 from stack_counter.sim.physics.drop import simulate_pile
@@ -78,6 +78,7 @@ __all__ = [
     "record_fixed_camera",
     "record_returning_camera",
     "remove_parts",
+    "rough_form",
     "shape_from_mesh",
     "simplify_solid",
     "simulate_pile",

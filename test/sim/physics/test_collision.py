@@ -130,6 +130,14 @@ def test_the_key_depends_on_the_mesh_and_the_settings():
     assert len(keys) == 4
 
 
+def test_a_part_whose_form_even_most_pieces_miss_is_told(monkeypatch):
+    tee = cad_shape("tee")
+    assert collision.rough_form(tee) is None
+    monkeypatch.setattr(collision, "SETTINGS",
+                        dataclasses.replace(collision.SETTINGS, max_fullness=1.01))
+    assert collision.rough_form(tee).fullness > 1.01
+
+
 def test_fine_meshes_are_made_coarse_at_the_same_volume():
     ball = trimesh.creation.icosphere(5)
     coarse = simplify_solid(ball, 2000)

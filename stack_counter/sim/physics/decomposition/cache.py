@@ -15,9 +15,9 @@ import numpy as np
 from stack_counter.files import user_cache_folder
 
 
-def cache_key(vertices: np.ndarray, faces: np.ndarray, settings: object) -> str:
-    """A name that only the same mesh, cut by the same settings, has."""
-    digest = hashlib.sha256(repr(settings).encode())
+def cache_key(vertices: np.ndarray, faces: np.ndarray, made_by: object) -> str:
+    """A name that only the same mesh, cut by the same settings and libraries, has."""
+    digest = hashlib.sha256(repr(made_by).encode())
     for array in (vertices, faces):
         digest.update(f"{array.dtype} {array.shape}".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
