@@ -20,16 +20,15 @@ import numpy as np
 import trimesh
 
 from stack_counter.sim.shapes import FAMILIES, SIZES_M, Shape, ShapeError, shape_from_mesh
-from stack_counter.sim.shapes.extra.collection import fuse_bodies, simplify
+from stack_counter.sim.shapes.extra.collection import fuse_bodies
 from stack_counter.sim.shapes.extra.unseen import GENERATORS, make_solid
 from stack_counter.sim.shapes.library import save_shapes
+from stack_counter.sim.shapes.manifolds import simplify_manifold
 
 _OUT = Path(__file__).parent.parent / "data/unseen/shapes.npz"
 # The source whose files have a real size, millimetres.
 _CATALOGUE = "bd_warehouse"
-# Largest number of faces, and by which shares of the part size simplification may move the
-# surface, tried in turn; chosen.
-_MAX_FACES, _TOLERANCES = 3000, (0.001, 0.002, 0.004, 0.008, 0.016)
+_MAX_FACES = 3000  # chosen
 
 
 def list_candidates(folder: Path) -> Iterator[tuple[str, str, str, Path | None]]:
@@ -51,7 +50,7 @@ def make_checked_shape(source: str, family: str, variant: str, path: Path | None
         raise ShapeError("is a training family; expected another")
     solid = fuse_bodies(trimesh.load(path, force="mesh", process=False)) if path \
         else make_solid(family, int(variant))
-    coarse = simplify(solid, _MAX_FACES, _TOLERANCES)
+    coarse = simplify_manifold(solid, _MAX_FACES)
     if coarse.num_tri() > _MAX_FACES:
         raise ShapeError(f"{coarse.num_tri()} faces; expected at most {_MAX_FACES}")
     raw = coarse.to_mesh64()

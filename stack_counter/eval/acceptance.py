@@ -114,7 +114,7 @@ def check_part(library: list[Shape], number: int, piles: int) -> PartCheck:
 
 
 def _count_failed_tries(piles: list[Pile]) -> dict[str, int]:
-    return dict(Counter(reason for pile in piles for reason in pile.failed_tries))
+    return dict(sum((pile.count_failed_tries() for pile in piles), Counter()))
 
 
 def _format_check(check: PartCheck) -> str:

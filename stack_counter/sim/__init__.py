@@ -19,12 +19,16 @@ from stack_counter.sim.hard.kinds import HARD_KINDS, hard_kind, make_hard_scan
 from stack_counter.sim.hard.piles import read_piles
 from stack_counter.sim.hard.scan import HardScan
 from stack_counter.sim.ideal import IdealSurface, ideal_surface
-from stack_counter.sim.physics.collision import convex_pieces
+from stack_counter.sim.physics.collision import convex_pieces, rough_form
 from stack_counter.sim.physics.container_draws import draw_deep_container
 from stack_counter.sim.physics.decomposition.form import PieceForm, measure_form
 from stack_counter.sim.physics.drop import simulate_pile
 from stack_counter.sim.physics.plans import FRICTION, draw_plan_in_container
-from stack_counter.sim.physics.recipes import SCENES_PER_RIG, max_simulated_parts
+from stack_counter.sim.physics.recipes import (
+    PART_PILE_PIECES,
+    SCENES_PER_RIG,
+    max_simulated_parts,
+)
 from stack_counter.sim.physics.table import lay_out_pieces
 from stack_counter.sim.reconstruction import reconstruct, reconstruct_from_above
 from stack_counter.sim.scenes.containers import RECONSTRUCTED_KIND, ContainerShape
@@ -39,6 +43,7 @@ from stack_counter.sim.shapes.simplify import simplify_solid
 __all__ = [
     "FRICTION",
     "HARD_KINDS",
+    "PART_PILE_PIECES",
     "RECONSTRUCTED_KIND",
     "SCENES_PER_RIG",
     "ContainerShape",
@@ -73,6 +78,7 @@ __all__ = [
     "record_fixed_camera",
     "record_returning_camera",
     "remove_parts",
+    "rough_form",
     "shape_from_mesh",
     "simplify_solid",
     "simulate_pile",

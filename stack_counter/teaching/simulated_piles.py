@@ -5,9 +5,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.occupancy.network import NetworkEstimator
 from stack_counter.parts.gamma_model import Reading, fill_size
 from stack_counter.sim import (
+    PART_PILE_PIECES,
     ContainerShape,
     Scene,
     SceneError,
@@ -42,8 +42,6 @@ class SimulatedPilesSettings:
     Attributes:
         size_factor: largest factor by which the container is taken larger or smaller, so that the
             fit has a slope over its width.
-        max_pieces: most convex pieces of a pile: 5,000 settle in some 9 s of one core, and 64
-            piles should take two cores less than five minutes.
         max_tries: plans drawn for a pile before it is left out.
         max_failed: piles left out from which a part is refused that has more of them than others.
         seed: seed of all piles, if none is given.
@@ -52,7 +50,6 @@ class SimulatedPilesSettings:
     """
 
     size_factor: float = 1.25
-    max_pieces: int = 3000
     max_tries: int = 12
     max_failed: int = 4
     seed: int = 0xADD
@@ -89,12 +86,16 @@ class Pile:
 
     Attributes:
         arc, above: what each shows; None where that scan is refused, or no try came to rest.
-        failed_tries: what was wrong with the tries before, a few words each.
+        failed_tries: what was wrong with the tries before: a few words, a colon, the values.
     """
 
     arc: PileScan | None
     above: PileScan | None
     failed_tries: tuple[str, ...] = ()
+
+    def count_failed_tries(self) -> Counter[str]:
+        """Number of the tries before by what was wrong, in a few words."""
+        return Counter(why.split(":")[0] for why in self.failed_tries)
 
 
 @dataclass(frozen=True)
@@ -119,19 +120,21 @@ class PileRequest:
 
 
 def simulate_piles(request: PileRequest, count: int, workers: int) -> Iterator[Pile]:
-    """Simulates that many piles and gives them as they get done.
+    """Simulates that many piles and gives them in their order, whichever gets done first.
 
     Raises:
         PartError: most piles do not come to rest.
         ShapeError: the mesh is no solid.
     """
     convex_pieces(request.shape)  # once: workers find them in the cache
+    make = partial(make_pile, request)
     if workers == 1:
-        yield from _refuse_restless(make_pile(request, index) for index in range(count))
+        yield from _refuse_restless(map(make, range(count)))
         return
     with worker_pool(workers) as pool:
-        jobs = [pool.submit(make_pile, request, index) for index in range(count)]
-        yield from _refuse_restless(job.result() for job in as_completed(jobs))
+        # Not by `map`: interrupted, it cancels futures that the pool then stumbles over.
+        jobs = [pool.submit(make, index) for index in range(count)]
+        yield from _refuse_restless(job.result() for job in jobs)
 
 
 def _refuse_restless(piles: Iterable[Pile]) -> Iterator[Pile]:
@@ -141,11 +144,11 @@ def _refuse_restless(piles: Iterable[Pile]) -> Iterator[Pile]:
         failed += len(pile.failed_tries) == SETTINGS.max_tries
         if failed >= SETTINGS.max_failed and 2 * failed > done:
             why = ", ".join(f"{n} x {reason}"
-                            for reason, n in Counter(pile.failed_tries).most_common())
+                            for reason, n in pile.count_failed_tries().most_common())
             raise PartError(f"the part does not pile up: {failed} of {done} piles failed "
-                            f"{SETTINGS.max_tries} times each ({why}); expected parts that come "
-                            "to rest without their walls going through each other: a simpler "
-                            "mesh may")
+                            f"{SETTINGS.max_tries} times each ({why}), the last by "
+                            f"{pile.failed_tries[-1]}; check --unit, the configured container's "
+                            "size, and the mesh: one with thicker walls or rounder may rest")
         yield pile
 
 
@@ -162,7 +165,7 @@ def make_pile(request: PileRequest, index: int) -> Pile:
             scene = _simulate_scene(request, random, index)
             break
         except SceneError as error:
-            failed_tries.append(str(error).split(":")[0])
+            failed_tries.append(str(error))
     else:
         return Pile(None, None, tuple(failed_tries))
     estimator = _load_estimator(request.estimator)
@@ -173,8 +176,7 @@ def make_pile(request: PileRequest, index: int) -> Pile:
 
 def _simulate_scene(request: PileRequest, random: np.random.Generator, index: int) -> Scene:
     """One try of a pile, in a container of any size or in one about the rig's."""
-    max_parts = min(max_simulated_parts(request.shape),
-                    SETTINGS.max_pieces // len(convex_pieces(request.shape)))
+    max_parts = max_simulated_parts(request.shape, PART_PILE_PIECES)
     if request.container is None:
         container = draw_deep_container(random, request.shape, max_parts)
     else:

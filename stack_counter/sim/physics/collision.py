@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.metadata import version
 
 import numpy as np
 import trimesh
@@ -57,7 +58,9 @@ class CollisionSettings:
 
 SETTINGS = CollisionSettings()
 # All that the pieces of a mesh depend on
-_ALL_SETTINGS = (SETTINGS, flat_cuts.SETTINGS, voronoi.SETTINGS)
+_MADE_BY = (SETTINGS, flat_cuts.SETTINGS, voronoi.SETTINGS,
+            *(f"{library} {version(library)}" for library in
+              ("coacd", "manifold3d", "numpy", "open3d", "scipy", "trimesh")))
 
 
 def convex_pieces(shape: Shape, decompose: bool = True) -> list[np.ndarray]:
@@ -68,11 +71,24 @@ def convex_pieces(shape: Shape, decompose: bool = True) -> list[np.ndarray]:
         decompose: False takes the hull of any part, as the paper does.
 
     Raises:
-        ShapeError: `no decomposition`: the faces of its mesh make no solid.
+        ShapeError: `no solid`: the faces of its mesh make none.
+        CutterError: the process that cuts it was killed.
     """
-    if not decompose or shape.convexity > SETTINGS.convex_from:
+    if not decompose or _is_convex(shape):
         return [_hull_corners(shape.mesh.convex_hull, SETTINGS.hull_corners)]
     return _known_pieces(shape.vertices.tobytes(), shape.faces.tobytes())
+
+
+def rough_form(shape: Shape) -> PieceForm | None:
+    """Form of a part's pieces where even the most that may be miss it; None where they keep it."""
+    if _is_convex(shape):
+        return None
+    form = measure_form(shape.mesh, convex_pieces(shape))
+    return None if _keeps_form(form) else form
+
+
+def _is_convex(shape: Shape) -> bool:
+    return shape.convexity > SETTINGS.convex_from
 
 
 @lru_cache(maxsize=4)  # scenes of the same part come one after the other
@@ -80,7 +96,7 @@ def _known_pieces(vertices: bytes, faces: bytes) -> list[np.ndarray]:
     """Corners of the pieces of a mesh as they were stored, or made and stored now."""
     mesh = trimesh.Trimesh(np.frombuffer(vertices).reshape(-1, 3),
                            np.frombuffer(faces, np.int32).reshape(-1, 3), process=False)
-    key = cache_key(mesh.vertices, mesh.faces, _ALL_SETTINGS)
+    key = cache_key(mesh.vertices, mesh.faces, _MADE_BY)
     pieces = load_pieces(key)
     if pieces is None:
         pieces = _decompose(mesh)

@@ -18,7 +18,13 @@ from pathlib import Path
 from stack_counter.sim.reality.experiments import EXPERIMENTS
 from stack_counter.sim.reality.plot import draw_plot
 from stack_counter.sim.reality.run import run_comparisons, run_experiments
-from stack_counter.sim.reality.table import markdown_table, summarize, write_into_page
+from stack_counter.sim.reality.table import (
+    PageError,
+    check_page,
+    markdown_table,
+    summarize,
+    write_into_page,
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -30,6 +36,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"no experiment has {options.items} in its name; expected words of "
               f"{', '.join(e.name for e in EXPERIMENTS)}", file=sys.stderr)
         return 2
+    if options.page:  # before an hour is spent
+        try:
+            check_page(options.page)
+        except PageError as error:
+            print(error, file=sys.stderr)
+            return 2
     rows = run_experiments(chosen, options.seeds, options.workers, options.friction)
     print("\n".join(summarize(rows)))
     others = [] if options.items else run_comparisons(options.workers)

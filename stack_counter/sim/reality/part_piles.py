@@ -11,7 +11,7 @@ import numpy as np
 from stack_counter.sim.physics import plans
 from stack_counter.sim.physics.container_draws import draw_deep_container
 from stack_counter.sim.physics.drop import simulate_pile
-from stack_counter.sim.physics.recipes import max_simulated_parts
+from stack_counter.sim.physics.recipes import PART_PILE_PIECES, max_simulated_parts
 from stack_counter.sim.reality.experiments import EXPERIMENTS, Experiment, counted_volume
 from stack_counter.sim.reality.piles import round_vessel
 from stack_counter.sim.scenes.scene import SceneError
@@ -52,7 +52,8 @@ def describe_part_piles(name: str) -> str:
 
 def _draw_share(experiment: Experiment, shape: Shape, index: int) -> float:
     """The share of the volume under the surface, as the experiment's, of one pile."""
-    max_parts, stream, last = max_simulated_parts(shape), zlib.crc32(experiment.name.encode()), ""
+    max_parts = max_simulated_parts(shape, PART_PILE_PIECES)
+    stream, last = zlib.crc32(experiment.name.encode()), ""
     for attempt in range(SETTINGS.max_tries):
         random = np.random.default_rng([stream, index, attempt])
         container = round_vessel(experiment.tub, experiment.tub.depth_m, shape) \

@@ -16,6 +16,7 @@ from stack_counter.sim.reality.piles import Pile
 
 # What stands between these in a page is written anew.
 BEGIN, END = "<!-- reality: begin -->", "<!-- reality: end -->"
+_PLACE = re.compile(f"{BEGIN}.*?{END}", re.DOTALL)
 _HEAD = ("experiment", "pour", "measured", "predicted", "difference", "", "source")
 
 
@@ -90,16 +91,22 @@ def markdown_table(rows: Sequence[Row]) -> str:
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
 
 
-def write_into_page(page: Path, text: str) -> None:
-    """Puts the text between the two marks of a page.
+def check_page(page: Path) -> None:
+    """Sees to it that a page has one place for the table.
 
     Raises:
-        PageError: the page has not both marks.
+        PageError: it has not both marks, once each, or cannot be read.
     """
-    old = page.read_text(encoding="utf-8")
-    new, places = re.subn(f"{BEGIN}.*?{END}", lambda _: f"{BEGIN}\n{text}\n{END}", old,
-                          flags=re.DOTALL)
+    try:
+        places = len(_PLACE.findall(page.read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError) as error:
+        raise PageError(f"{page} cannot be read: {error}") from error
     if places != 1:
         raise PageError(f"{page} has {places} places for the table; expected one between {BEGIN} "
                         f"and {END}")
-    page.write_text(new, encoding="utf-8")
+
+
+def write_into_page(page: Path, text: str) -> None:
+    """Puts the text between the two marks of a page, as `check_page` found them."""
+    old = page.read_text(encoding="utf-8")
+    page.write_text(_PLACE.sub(lambda _: f"{BEGIN}\n{text}\n{END}", old), encoding="utf-8")

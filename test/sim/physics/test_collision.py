@@ -4,6 +4,7 @@
 import dataclasses
 
 import numpy as np
+import open3d as o3d
 import pytest
 import trimesh
 from kits.cad_parts import CAD_PARTS, mesh_of
@@ -88,7 +89,7 @@ def test_no_more_cuts_than_the_budget(monkeypatch):
 
 
 def test_a_process_that_dies_of_something_else_gives_no_other_pieces():
-    with pytest.raises(RuntimeError, match="ended with 1; expected 0"):
+    with pytest.raises(flat_cuts.CutterError, match="ended with 1; expected 0"):
         flat_cuts.cut_flat(np.zeros((2, 2)), np.zeros((1, 3), np.int32), 0.2)
 
 
@@ -102,7 +103,10 @@ def test_pieces_are_kept_on_disk_and_are_the_same_again(tmp_path, no_flat_cuts, 
     read = collision.convex_pieces(shape)
     assert all((a == b).all() for a, b in zip(made, read, strict=True))
     # Damaged: made again
-    stored.write_bytes(stored.read_bytes()[:100])
+    content = stored.read_bytes()
+    stored.write_bytes(content[:60] + bytes(40) + content[100:])
+    assert cache.load_pieces(stored.stem) is None
+    stored.write_bytes(content[:100])
     monkeypatch.undo()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(flat_cuts, "cut_flat", lambda *args: [])
@@ -126,6 +130,14 @@ def test_the_key_depends_on_the_mesh_and_the_settings():
     assert len(keys) == 4
 
 
+def test_a_part_whose_form_even_most_pieces_miss_is_told(monkeypatch):
+    tee = cad_shape("tee")
+    assert collision.rough_form(tee) is None
+    monkeypatch.setattr(collision, "SETTINGS",
+                        dataclasses.replace(collision.SETTINGS, max_fullness=1.01))
+    assert collision.rough_form(tee).fullness > 1.01
+
+
 def test_fine_meshes_are_made_coarse_at_the_same_volume():
     ball = trimesh.creation.icosphere(5)
     coarse = simplify_solid(ball, 2000)
@@ -135,8 +147,22 @@ def test_fine_meshes_are_made_coarse_at_the_same_volume():
     assert simplify_solid(coarse, 2000) is coarse
 
 
+def test_a_mesh_that_tears_at_every_decimation_is_made_coarse_as_a_manifold(monkeypatch):
+    """A box with 30,000 faces, of which the usual decimation makes two bodies."""
+    fine = trimesh.creation.box((1, 1, 1)).subdivide().subdivide().subdivide().subdivide() \
+        .subdivide()
+    torn = trimesh.util.concatenate(trimesh.creation.box(), trimesh.creation.box((3, 1, 1)))
+    halves = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(torn.vertices),
+                                       o3d.utility.Vector3iVector(torn.faces))
+    monkeypatch.setattr(o3d.geometry.TriangleMesh, "simplify_quadric_decimation",
+                        lambda mesh, faces: halves)
+    coarse = simplify_solid(fine, 2000)
+    assert coarse.is_watertight and coarse.body_count == 1 and len(coarse.faces) <= 2000
+    assert coarse.volume == pytest.approx(1) and coarse.extents == pytest.approx(np.ones(3))
+
+
 def test_what_makes_no_solid_is_refused_with_what_to_do():
     box = trimesh.creation.box((1, 1, 1))
     torn = trimesh.Trimesh(box.vertices, box.faces[:-1], process=False)
-    with pytest.raises(ShapeError, match="make no solid .*: export the part again"):
+    with pytest.raises(ShapeError, match="no solid: .*: export the part again"):
         cut_voronoi(torn)

@@ -23,6 +23,7 @@ from stack_counter.sim.reality.table import (
     END,
     PageError,
     Row,
+    check_page,
     markdown_table,
     summarize,
     write_into_page,
@@ -97,9 +98,6 @@ def test_the_page_gets_the_table_and_keeps_the_rest(tmp_path):
     page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
     write_into_page(page, "new")
     assert page.read_text() == f"before\n{BEGIN}\nnew\n{END}\nafter\n"
-    page.write_text("nothing")
-    with pytest.raises(PageError, match="0 places"):
-        write_into_page(page, "new")
     draw_plot([ROW], tmp_path / "page.png")
     assert (tmp_path / "page.png").stat().st_size > 1000
 
@@ -107,3 +105,15 @@ def test_the_page_gets_the_table_and_keeps_the_rest(tmp_path):
 def test_an_unknown_item_is_refused_with_the_known_ones(capsys):
     assert main(["--items", "banana"]) == 2
     assert "soybean" in capsys.readouterr().err
+
+
+def test_a_page_without_a_place_is_refused_before_anything_is_simulated(tmp_path, capsys):
+    page = tmp_path / "page.md"
+    for text, what in ((None, "cannot be read"), ("nothing", "0 places"),
+                       (2 * f"{BEGIN}\n{END}\n", "2 places")):
+        if text is not None:
+            page.write_text(text)
+        with pytest.raises(PageError, match=what):
+            check_page(page)
+        assert main(["--page", str(page)]) == 2
+        assert what in capsys.readouterr().err

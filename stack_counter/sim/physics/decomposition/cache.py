@@ -7,6 +7,7 @@ import hashlib
 import os
 import tempfile
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,9 @@ import numpy as np
 from stack_counter.files import user_cache_folder
 
 
-def cache_key(vertices: np.ndarray, faces: np.ndarray, settings: object) -> str:
-    """A name that only the same mesh, cut by the same settings, has."""
-    digest = hashlib.sha256(repr(settings).encode())
+def cache_key(vertices: np.ndarray, faces: np.ndarray, made_by: object) -> str:
+    """A name that only the same mesh, cut by the same settings and libraries, has."""
+    digest = hashlib.sha256(repr(made_by).encode())
     for array in (vertices, faces):
         digest.update(f"{array.dtype} {array.shape}".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
@@ -30,7 +31,7 @@ def load_pieces(key: str) -> list[np.ndarray] | None:
             corners, counts = file["corners"], file["counts"]
             if corners.shape != (counts.sum(), 3) or not np.isfinite(corners).all():
                 return None
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error):
         return None  # not there, or damaged: it is made again
     return np.split(corners, np.cumsum(counts)[:-1])
 
@@ -43,10 +44,11 @@ def store_pieces(key: str, pieces: list[np.ndarray]) -> None:
     path = _path(key)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as unfinished:
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            unfinished = Path(folder) / path.name
             np.savez_compressed(unfinished, corners=np.vstack(pieces),
                                 counts=np.array([len(corners) for corners in pieces]))
-        os.replace(unfinished.name, path)
+            os.replace(unfinished, path)
     except OSError:
         return
 

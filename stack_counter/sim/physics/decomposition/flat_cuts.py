@@ -10,19 +10,22 @@ that a slower machine ends the same meshes.
 
 from __future__ import annotations
 
-import multiprocessing
+import json
 import os
-import re
-import resource
 import signal
-import threading
+import subprocess
+import sys
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 
-from stack_counter.child_processes import end_with_parent
+from stack_counter.child_processes import ENDS_WITH_STDIN
+from stack_counter.errors import StackCounterError
+
+
+class CutterError(StackCounterError):
+    """The process that cuts a part died of something that is not the mesh's."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +49,11 @@ class FlatCutSettings:
 
 
 SETTINGS = FlatCutSettings()
+_CUTTER = Path(__file__).with_name("flat_cutter.py")
 # Exit codes: beyond the budget, beyond the guard, and CoACD's own crashes
-_TOO_MANY_CUTS = 3
+_TOO_MANY_CUTS = 3  # as in `flat_cutter`
 _ENDS_OF_A_MESH = (_TOO_MANY_CUTS, -signal.SIGXCPU, -signal.SIGSEGV, -signal.SIGABRT,
                    -signal.SIGFPE)
-_WAITING = re.compile(rb"waiting pool: (\d+)")
 
 
 def cut_flat(vertices: np.ndarray, faces: np.ndarray, threshold: float) -> list[np.ndarray]:
@@ -62,71 +65,42 @@ def cut_flat(vertices: np.ndarray, faces: np.ndarray, threshold: float) -> list[
         threshold: concavity that a piece may keep.
 
     Raises:
-        RuntimeError: the process died of something that is not the mesh's.
+        CutterError: the process died of something that is not the mesh's.
     """
-    # From a server without threads: a fork of this process would inherit those of its libraries.
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__])
-    receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_send_pieces,
-                              args=(vertices, faces, threshold, SETTINGS, sender))
-    process.start()
-    sender.close()
-    pieces: list[np.ndarray] = []
-    try:
-        pieces = receiver.recv()
-    except EOFError:
-        pass  # it ended without: why, its exit code says
-    except BaseException:  # an interruption
-        process.kill()
-        raise
-    finally:
-        receiver.close()
-        process.join()
-    # What depends on the mesh alone is no error; all else would give other pieces another time.
-    if not pieces and process.exitcode not in _ENDS_OF_A_MESH:
-        raise RuntimeError(f"the process that cuts a part ended with {process.exitcode}; expected "
-                           f"0 or one of {sorted(_ENDS_OF_A_MESH)}: see its own error")
-    return pieces
-
-
-def _send_pieces(vertices: np.ndarray, faces: np.ndarray, threshold: float,
-                 settings: FlatCutSettings, sender: Connection) -> None:
-    """Cuts a solid and sends the pieces' corners; this process ends where it takes too much."""
-    end_with_parent()
-    resource.setrlimit(resource.RLIMIT_CPU, (settings.guard_cpu_s, settings.guard_cpu_s + 5))
-    counting = _end_after_cuts(settings.max_cuts)
+    request = {"vertices": vertices.tolist(), "faces": faces.tolist(),
+               "max_cuts": SETTINGS.max_cuts, "guard_cpu_s": SETTINGS.guard_cpu_s,
+               "search": {"threshold": threshold, "mcts_iterations": SETTINGS.mcts_iterations,
+                          "mcts_nodes": SETTINGS.mcts_nodes,
+                          "mcts_max_depth": SETTINGS.mcts_max_depth,
+                          "resolution": SETTINGS.resolution}}
     # One thread: with more of them the order of the pieces, and so their merging, is a matter of
-    # luck.
-    os.environ["OMP_NUM_THREADS"] = "1"
-    import coacd  # here: only this needs it
+    # luck. Its imports are found where ours are, and not beside its file.
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", ENDS_WITH_STDIN: "1",
+                   "PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(map(os.path.abspath,
+                                                                            sys.path))}
+    with subprocess.Popen([sys.executable, str(_CUTTER)], env=environment, stdin=subprocess.PIPE,
+                          stdout=subprocess.PIPE, text=True) as process:
+        try:
+            # Its stdin stays open until it has ended: it ends with us.
+            answer, _ = _ask(process, json.dumps(request)), process.wait()
+        except BaseException:  # an interruption
+            process.kill()
+            raise
+    # What depends on the mesh alone is no error; all else would give other pieces another time.
+    if process.returncode in _ENDS_OF_A_MESH:
+        return []
+    if process.returncode:
+        raise CutterError(f"the process that cuts a part ended with {process.returncode}; "
+                          f"expected 0 or one of {sorted(_ENDS_OF_A_MESH)}: see its own error")
+    return [np.array(corners) for corners in json.loads(answer)]
 
-    coacd.set_log_level("info")
-    pieces: list[tuple[np.ndarray, Any]] = coacd.run_coacd(
-        coacd.Mesh(vertices, faces), threshold=threshold, preprocess_mode="off",
-        mcts_iterations=settings.mcts_iterations, mcts_nodes=settings.mcts_nodes,
-        mcts_max_depth=settings.mcts_max_depth, resolution=settings.resolution)
-    # All that was told is counted before the pieces are taken, however late the other thread is.
-    os.close(1)
-    counting.join()
-    sender.send([np.asarray(corners, np.float64) for corners, _ in pieces])
 
-
-def _end_after_cuts(most: int) -> threading.Thread:
-    """A thread that reads this process's standard output, and ends it beyond the budget."""
-    reading, writing = os.pipe()
-    os.dup2(writing, 1)
-    os.close(writing)
-
-    def count_cuts() -> None:
-        cuts = 0
-        with os.fdopen(reading, "rb") as lines:
-            for line in lines:
-                waiting = _WAITING.search(line)
-                cuts += int(waiting[1]) if waiting else 0
-                if cuts > most:
-                    os._exit(_TOO_MANY_CUTS)
-
-    thread = threading.Thread(target=count_cuts, daemon=True)
-    thread.start()
-    return thread
+def _ask(process: subprocess.Popen[str], line: str) -> str:
+    """What a process writes to its end when it has read a line; empty if it reads none."""
+    assert process.stdin and process.stdout  # for the type checker: both are pipes
+    try:
+        process.stdin.write(line + "\n")
+        process.stdin.flush()
+    except BrokenPipeError:
+        return ""
+    return process.stdout.read()

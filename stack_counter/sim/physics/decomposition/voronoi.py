@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from manifold3d import Error, Manifold, Mesh64
 from scipy.cluster.vq import kmeans2
 from scipy.spatial import cKDTree
 
-from stack_counter.sim.shapes.shape import ShapeError
+from stack_counter.sim.shapes.manifolds import make_manifold
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ def cut_voronoi(mesh: trimesh.Trimesh) -> list[np.ndarray]:
     Raises:
         ShapeError: its faces make no solid.
     """
-    solid = _make_manifold(mesh)
+    solid = make_manifold(mesh)
     points, _ = trimesh.sample.sample_surface(mesh, SETTINGS.points, seed=SETTINGS.seed)
     centers, _ = kmeans2(np.asarray(points), SETTINGS.cells, SETTINGS.rounds, minit="++",
                          rng=SETTINGS.seed)
@@ -64,18 +63,3 @@ def cut_voronoi(mesh: trimesh.Trimesh) -> list[np.ndarray]:
             cell = cell.trim_by_plane(tuple(normal), float(normal @ (center + other)) / 2)
         lumps += [lump.to_mesh64().vert_properties[:, :3] for lump in cell.decompose()]
     return lumps
-
-
-def _make_manifold(mesh: trimesh.Trimesh) -> Manifold:
-    """The solid that a closed mesh bounds.
-
-    Raises:
-        ShapeError: its faces make no solid.
-    """
-    solid = Manifold(Mesh64(np.array(mesh.vertices, np.float64, order="C"),
-                            np.array(mesh.faces, np.uint64, order="C")))
-    if solid.status() != Error.NoError:
-        raise ShapeError(f"no decomposition: faces of the mesh make no solid "
-                         f"({solid.status().name}); expected each edge between two faces, no "
-                         "face twice: export the part again as one solid")
-    return solid

@@ -24,6 +24,7 @@ import trimesh
 from manifold3d import Error, Manifold, Mesh, OpType
 
 from stack_counter.sim.shapes.extra.skin import make_skin
+from stack_counter.sim.shapes.manifolds import simplify_manifold
 from stack_counter.sim.shapes.shape import ShapeError, shape_from_mesh
 
 _SCALE = 1 / 65534  # of the format: 16 bits for a side of 1
@@ -35,14 +36,11 @@ class CollectionSettings:
 
     Attributes:
         max_faces: triangles that a solid is simplified to if that is possible.
-        tolerances: by which shares of the longest side simplification may move the surface,
-            tried in this order.
         alike: largest difference of the logs of side lengths, volume and area of two solids that
             are taken for the same one.
     """
 
     max_faces: int = 1500
-    tolerances: tuple[float, ...] = (0.001, 0.002, 0.004, 0.008, 0.016)
     alike: float = 0.01
 
 
@@ -107,7 +105,7 @@ def solidify(mesh: trimesh.Trimesh, origin: Origin, mm_per_unit: float) -> Colle
     """
     size = float(mesh.extents.max())
     try:
-        whole = simplify(fuse_bodies(mesh), SETTINGS.max_faces, SETTINGS.tolerances)
+        whole = simplify_manifold(fuse_bodies(mesh), SETTINGS.max_faces)
     except ShapeError:
         whole = make_skin(mesh, SETTINGS.max_faces)
     coarse = whole.to_mesh64()
@@ -144,23 +142,6 @@ def fuse_bodies(mesh: trimesh.Trimesh) -> Manifold:
     if whole.is_empty():
         raise ShapeError("encloses no volume; expected a solid")
     return whole
-
-
-def simplify(whole: Manifold, max_faces: int, tolerances: tuple[float, ...]) -> Manifold:
-    """Simplifies a solid to so many triangles, if that is possible.
-
-    Args:
-        whole: the solid.
-        max_faces: largest number of triangles.
-        tolerances: by which shares of the part size the surface may move, tried in turn.
-    """
-    low, high = np.split(np.array(whole.bounding_box()), 2)
-    coarse = whole
-    for share in tolerances:
-        coarse = whole.simplify(share * float((high - low).max()))
-        if coarse.num_tri() <= max_faces:
-            break
-    return coarse
 
 
 def drop_doubles(solids: list[CollectedSolid]) -> list[CollectedSolid]:
