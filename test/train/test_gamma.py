@@ -115,9 +115,9 @@ def two_sources(tmp_path, monkeypatch):
 def test_a_source_left_out_is_seen_by_no_member_and_tests_each(two_sources, monkeypatch, capsys):
     seen, train = [], gamma.train_member
 
-    def watched(net, learnt, held_out, *more):
+    def watched(net, learnt, held_out, *more, **options):
         seen.extend(learnt.families + held_out.families)
-        train(net, learnt, held_out, *more)
+        train(net, learnt, held_out, *more, **options)
     monkeypatch.setattr(gamma, "train_member", watched)
     families = ["KiCad/Chip", "LDraw/Brick", "nut", "tube"]
     gamma.train_fold(two_sources, assign_folds(families)["nut"])
