@@ -24,7 +24,6 @@ from stack_counter.config import Config, load_config
 from stack_counter.errors import PartError
 from stack_counter.files import config_path
 from stack_counter.parts.catalogue import (
-    MOST_FRICTION,
     Part,
     find_part,
     load_parts,
@@ -32,6 +31,7 @@ from stack_counter.parts.catalogue import (
     resolve_part,
     save_part,
 )
+from stack_counter.parts.entry_checks import MOST_FRICTION
 from stack_counter.parts.gamma_model import GammaModel
 from stack_counter.progress import progress_bar
 
@@ -266,9 +266,12 @@ def _list(options: argparse.Namespace) -> int:
     _, path = _load_settings(options)
     for name, part in sorted(load_parts(path).items()):
         std = f" +- {part.unit_volume_std * 1e6:.2g}" if part.unit_volume_std else ""
+        size = "" if part.outer_size_m is None else "; " + " x ".join(
+            f"{1e3 * side:.4g}" for side in part.outer_size_m) + " mm"
+        measured = "; form of its mesh" if part.mesh_measures else ""
         made = f"; {part.models.made}" if part.models else ""
-        print(f"{name}: v {part.unit_volume * 1e6:.6g}{std} cm3{made}; counted bins: "
-              f"{len(part.counted)}{f' ({part.note})' if part.note else ''}")
+        print(f"{name}: v {part.unit_volume * 1e6:.6g}{std} cm3{size}{measured}{made}; "
+              f"counted bins: {len(part.counted)}{f' ({part.note})' if part.note else ''}")
     return 0
 
 

@@ -29,6 +29,7 @@ from stack_counter.eval.common.part_table import (
 )
 from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
+from stack_counter.occupancy.known_form import form_of_mesh
 from stack_counter.parts.calibration import calibrate
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.gamma_model import Reading
@@ -43,7 +44,7 @@ from stack_counter.teaching import (
     make_pile_request,
     simulate_part_piles,
 )
-from stack_counter.types import OccupancyEstimate, StackVolume
+from stack_counter.types import KnownForm, OccupancyEstimate, StackVolume
 
 _SEED = 0
 
@@ -90,6 +91,7 @@ class CachedEstimator(OccupancyEstimator):
         """Wraps an estimator."""
         self.name, self._estimator = estimator.name, estimator
         self._estimates: dict[tuple[int, float], OccupancyEstimate] = {}
+        self._knowing: dict[KnownForm, CachedEstimator] = {}
 
     @override
     def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
@@ -97,6 +99,12 @@ class CachedEstimator(OccupancyEstimator):
         if key not in self._estimates:
             self._estimates[key] = self._estimator.estimate(volume, unit_volume)
         return self._estimates[key]
+
+    @override
+    def knowing(self, form: KnownForm) -> CachedEstimator:
+        if form not in self._knowing:
+            self._knowing[form] = CachedEstimator(self._estimator.knowing(form))
+        return self._knowing[form]
 
 
 def _learn_models(rig: Rig, options: argparse.Namespace) -> PartModels:
@@ -108,7 +116,7 @@ def _learn_models(rig: Rig, options: argparse.Namespace) -> PartModels:
         container_inner_size_m=container.inner_size_m)) if options.container else Config()
     request = make_pile_request(shape.vertices, shape.faces, config)
     # Piles simulated, or from the cache
-    estimator = make_estimator(request.estimator).name
+    estimator = request.load_estimator().name
     of_rig = f"-rig{rig.number}" if options.container else ""
     name = f"{rig.family}-{rig.seed}-{options.piles}{of_rig}-{estimator}.json".replace(" ", "-")
     path = options.cache / name
@@ -138,21 +146,28 @@ def _measure_volume(scene: Scene) -> StackVolume | None:
 def count_all_ways(rig: Rig, scans: list[tuple[Scene, StackVolume]], models: PartModels,
                    estimator: OccupancyEstimator, confidence: float) -> list[PartCount]:
     """Counts all scans of a rig by all that may be known of its part: all rows of the table."""
+    shape = rig.scenes[0].shape
+    form = form_of_mesh(shape.vertices, shape.faces)
     bare = Part(rig.scenes[0].truth.unit_volume, "part")
-    from_cad = _PartWithModels(bare.unit_volume, "part", given_models=models)
-    counted = [calibrate(bare, volume, scene.truth.count, estimator, str(scene.index), confidence,
-                         force=True).scan for scene, volume in scans]
+    with_size = replace(bare, outer_size_m=form.outer_size_m)
+    with_mesh = replace(with_size, mesh_measures=form.mesh)
+    from_cad = _PartWithModels(bare.unit_volume, "part", outer_size_m=form.outer_size_m,
+                               mesh_measures=form.mesh, given_models=models)
+    by_bins = [("", bare), ("CAD and ", from_cad)]
+    counted_by = [[calibrate(part, volume, scene.truth.count, estimator, str(scene.index),
+                             confidence, force=True).scan for scene, volume in scans]
+                  for _, part in by_bins]
     counts = []
     for i, (scene, volume) in enumerate(scans):
         # What may be known: the other scans, counted, one by one and in threes
-        parts = [("v only", bare), ("CAD", from_cad)]
-        others = [scan for k, scan in enumerate(counted) if k != i]
-        for k, scan in enumerate(others):
-            three = tuple(others[(k + j) % len(others)] for j in range(3))
-            parts += [("one counted scan", replace(bare, counted=(scan,))),
-                      ("CAD and one counted scan", replace(from_cad, counted=(scan,))),
-                      ("three counted scans", replace(bare, counted=three)),
-                      ("CAD and three counted scans", replace(from_cad, counted=three))]
+        parts = [("v only", bare), ("v and size", with_size), ("mesh", with_mesh),
+                 ("CAD", from_cad)]
+        for (title, part), counted in zip(by_bins, counted_by):
+            others = [scan for k, scan in enumerate(counted) if k != i]
+            for k, scan in enumerate(others):
+                three = tuple(others[(k + j) % len(others)] for j in range(3))
+                parts += [(f"{title}one counted scan", replace(part, counted=(scan,))),
+                          (f"{title}three counted scans", replace(part, counted=three))]
         for row, part in parts:
             count = count_stack(volume, part, estimator, confidence)
             counts.append(PartCount(

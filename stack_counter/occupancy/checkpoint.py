@@ -18,6 +18,7 @@ from torch import nn
 from stack_counter.errors import WeightsError
 from stack_counter.files import read_weights
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
+from stack_counter.types import KnownLevel
 
 FORMAT = "stack_counter gamma 1"
 TUNING_FORMAT = "stack_counter tuning 1"
@@ -138,6 +139,11 @@ def read_tuning(path: Path) -> LastLayerTuning:
     except (KeyError, IndexError) as error:
         raise WeightsError(f"{path} holds {sorted(file.tensors)}; expected weight, bias and the "
                            "name of their network") from error
+
+
+def knowing_name(network_name: str, level: KnownLevel) -> str:
+    """Names a network as it estimates parts of whose form so much is known."""
+    return f"{network_name}, {level.name.lower()} known" if level else network_name
 
 
 def tuned_name(network_name: str, weight: np.ndarray, bias: float) -> str:

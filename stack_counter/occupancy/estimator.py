@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from stack_counter.types import OccupancyEstimate, StackVolume
+from stack_counter.types import KnownForm, OccupancyEstimate, StackVolume
 
 
 class OccupancyEstimator(Protocol):
@@ -24,3 +24,7 @@ class OccupancyEstimator(Protocol):
             ScanError: the volume holds nothing that this estimator can read.
         """
         ...
+
+    def knowing(self, form: KnownForm) -> OccupancyEstimator:
+        """The estimator for parts of whose form so much is known; by default it is the same."""
+        return self

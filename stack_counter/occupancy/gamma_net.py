@@ -187,3 +187,8 @@ class GammaNet(nn.Module):
 def _heights_from(x: torch.Tensor) -> torch.Tensor:
     """(b, 1, h, w) heights over the inner surface, part lengths, from network inputs."""
     return torch.expm1(2 * x[:, 3:4])
+
+
+def knows_form(net: nn.Module) -> bool:
+    """Whether a network reads what is known of the part's form."""
+    return isinstance(net, GammaNet) and net.config.knows_form

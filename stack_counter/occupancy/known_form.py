@@ -8,64 +8,17 @@ reciprocal of their product.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import IntEnum
-
 import numpy as np
 from scipy.spatial import ConvexHull
+
+from stack_counter.types import KnownForm, KnownLevel, MeshMeasures
 
 _SIZE_VALUES = 3  # logs of the outer dimensions, the largest first
 _MESH_VALUES = 6  # logs of solidity, surface and 1 + genus, and of the radii of gyration
 KNOWN_VALUES = _SIZE_VALUES + _MESH_VALUES + 2  # and whether size and mesh are known
 
 
-class KnownLevel(IntEnum):
-    """How much is known of a part's form."""
-
-    VOLUME = 0
-    SIZE = 1
-    MESH = 2
-
-
-@dataclass(frozen=True)
-class MeshMeasures:
-    """Measures of a part's mesh.
-
-    Attributes:
-        solidity: v over the volume of the convex hull, in (0, 1].
-        surface_m2: area of the surface, m2.
-        genus: number of through holes.
-        gyration_m: root mean square distances of the material from its centre along the three
-            principal axes, the largest first, metres.
-    """
-
-    solidity: float
-    surface_m2: float
-    genus: int
-    gyration_m: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class KnownForm:
-    """What is known of a part's form.
-
-    Attributes:
-        outer_size_m: sides of the box around the part, in any order, metres; None: unknown.
-        mesh: measures of its mesh; None: there is no mesh.
-    """
-
-    outer_size_m: tuple[float, float, float] | None = None
-    mesh: MeshMeasures | None = None
-
-    @property
-    def level(self) -> KnownLevel:
-        """How much is known; a mesh without outer dimensions counts as nothing."""
-        if self.outer_size_m is None:
-            return KnownLevel.VOLUME
-        return KnownLevel.SIZE if self.mesh is None else KnownLevel.MESH
-
-
-def measure_form(vertices: np.ndarray, faces: np.ndarray) -> KnownForm:
+def form_of_mesh(vertices: np.ndarray, faces: np.ndarray) -> KnownForm:
     """Measures a closed mesh.
 
     The box is the smaller of the one along the mesh's own axes and the one along its principal

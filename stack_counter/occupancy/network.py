@@ -16,9 +16,15 @@ from typing_extensions import override
 
 from stack_counter.errors import WeightsError
 from stack_counter.files import shipped_weights
-from stack_counter.occupancy.checkpoint import load_members, read_tuning, tuned_name
+from stack_counter.occupancy.checkpoint import (
+    knowing_name,
+    load_members,
+    read_tuning,
+    tuned_name,
+)
 from stack_counter.occupancy.estimator import OccupancyEstimator
-from stack_counter.occupancy.gamma_net import GammaNet
+from stack_counter.occupancy.gamma_net import GammaNet, knows_form
+from stack_counter.occupancy.known_form import known_values
 from stack_counter.occupancy.maps import (
     StackMaps,
     network_channels,
@@ -28,7 +34,7 @@ from stack_counter.occupancy.maps import (
     stack_maps_of_key_view,
 )
 from stack_counter.occupancy.training_domain import TrainingDomain, assess_doubt
-from stack_counter.types import OccupancyEstimate, Reason, StackVolume
+from stack_counter.types import KnownForm, OccupancyEstimate, Reason, StackVolume
 
 if TYPE_CHECKING:
     from stack_counter.occupancy.depth_anything import MonocularDepth
@@ -100,8 +106,11 @@ class NetworkEstimator(OccupancyEstimator):
                                f"{sorted(_CALIBRATION)}")
         self.name = f"network {checkpoint.facts.get('version', 'unnamed')}"
         self._members = checkpoint.members
-        self._scores, self._scores_one_side = calibration["scores"], calibration["scores_one_side"]
-        self._centers = calibration["centers"]  # median log errors: around, from one side
+        # By level of knowledge; files of networks that know v alone have no such rows.
+        self._scores, self._scores_one_side, self._centers = (
+            np.atleast_2d(calibration[key]) for key in ("scores", "scores_one_side", "centers"))
+        self._form = KnownForm()
+        self._knowing: dict[KnownForm, NetworkEstimator] = {}
         self._domain = TrainingDomain(calibration["middle"], calibration["whiten"],
                                       calibration["reach"])
         self._without_depth = without_depth
@@ -116,8 +125,9 @@ class NetworkEstimator(OccupancyEstimator):
 
     @override
     def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
-        empty = OccupancyEstimate(SETTINGS.empty_gamma, SETTINGS.empty_std, self._scores,
-                                  self.name)
+        level = self._form.level
+        scores = (self._scores_one_side if volume.one_side else self._scores)[level]
+        empty = OccupancyEstimate(SETTINGS.empty_gamma, SETTINGS.empty_std, scores, self.name)
         if volume.stack_volume < SETTINGS.least_parts * unit_volume:
             return empty  # less than any part takes up, so there is no surface to read
         maps = self._read_maps(volume, unit_volume)
@@ -126,8 +136,8 @@ class NetworkEstimator(OccupancyEstimator):
         if not maps.height.any():
             return empty
         # Predict; take out the median error on families left out.
-        prediction = predict_gamma(self._members, maps)
-        center = self._centers[int(volume.one_side)]
+        prediction = predict_gamma(self._members, maps, known_values(self._form, unit_volume))
+        center = self._centers[level][int(volume.one_side)]  # around, from one side
         gamma = min(float(np.exp(prediction.log_gamma + center)), SETTINGS.largest_gamma)
         # Widen the spread where the stack is unlike those of training.
         doubt = assess_doubt(
@@ -138,7 +148,6 @@ class NetworkEstimator(OccupancyEstimator):
         if volume.top is None:  # read from the key view alone
             reasons += (Reason.SINGLE_VIEW,)
             widening = max(widening, SETTINGS.single_view_widening)
-        scores = self._scores_one_side if volume.one_side else self._scores
         return OccupancyEstimate(gamma, gamma * prediction.relative_std * widening, scores,
                                  self.name, reasons)
 
@@ -149,7 +158,19 @@ class NetworkEstimator(OccupancyEstimator):
             ScanError: the surface cannot be read at that size of parts.
             WeightsError: the networks are upon DINOv2, which have no such layer.
         """
-        return last_layer_input(self._members, stack_maps(volume, unit_volume))
+        return last_layer_input(self._members, stack_maps(volume, unit_volume),
+                                known_values(self._form, unit_volume))
+
+    @override
+    def knowing(self, form: KnownForm) -> NetworkEstimator:
+        if not knows_form(self._members[0]) or form == self._form:
+            return self
+        if form not in self._knowing:
+            knowing = copy.copy(self)
+            knowing._form, knowing._knowing = form, {}
+            knowing.name = knowing_name(self.name, form.level)
+            self._knowing = {form: knowing}  # the last one: scans are mostly of the same part
+        return self._knowing[form]
 
     def tuned(self, path: Path) -> NetworkEstimator:
         """Returns the same network with last layers that are adapted to one part.
@@ -201,7 +222,7 @@ def predict_gamma(members: Sequence[nn.Module], maps: StackMaps,
         known: (KNOWN_VALUES,) of `known_form.known_values`; None: v alone is known.
     """
     inputs, weights = _network_tiles(maps)
-    form = None if known is None else torch.from_numpy(known).expand(len(inputs), -1)
+    form = _repeat(known, len(inputs))
     with torch.inference_mode():
         outputs = [net(inputs, form) for net in members]
     # Average the members.
@@ -213,18 +234,25 @@ def predict_gamma(members: Sequence[nn.Module], maps: StackMaps,
                            float(np.sqrt(2) * weights @ scale), weights @ shape_logs)
 
 
-def last_layer_input(members: Sequence[nn.Module], maps: StackMaps) -> np.ndarray:
+def last_layer_input(members: Sequence[nn.Module], maps: StackMaps,
+                     known: np.ndarray | None = None) -> np.ndarray:
     """(members, h) float64: what the last layer of each reads, tiles weighted by what stands.
+
+    Args:
+        members: networks of an ensemble.
+        maps: the stack's surface.
+        known: (KNOWN_VALUES,) of `known_form.known_values`; None: v alone is known.
 
     Raises:
         WeightsError: the networks are upon DINOv2, which have no such layer.
     """
     inputs, weights = _network_tiles(maps)
+    form = _repeat(known, len(inputs))
     rows = []
     for net in members:
         if not isinstance(net, GammaNet):
             raise WeightsError("the network is upon DINOv2; expected one of our own to tune")
-        rows.append(weights @ _record_last_input(net, inputs))
+        rows.append(weights @ _record_last_input(net, inputs, form))
     return np.array(rows, float)
 
 
@@ -236,13 +264,19 @@ def _network_tiles(maps: StackMaps) -> tuple[torch.Tensor, np.ndarray]:
             weights / weights.sum())
 
 
-def _record_last_input(net: GammaNet, inputs: torch.Tensor) -> np.ndarray:
-    """(n, h) that the last layer reads of (n, CHANNELS, TILE, TILE) inputs."""
+def _repeat(known: np.ndarray | None, tiles: int) -> torch.Tensor | None:
+    """(tiles, KNOWN_VALUES) of (KNOWN_VALUES,) that is known of the part in all of them."""
+    return None if known is None else torch.from_numpy(known).expand(tiles, -1)
+
+
+def _record_last_input(net: GammaNet, inputs: torch.Tensor, form: torch.Tensor | None
+                       ) -> np.ndarray:
+    """(n, h) that the last layer reads of (n, CHANNELS, TILE, TILE) inputs and what is known."""
     recorded: list[torch.Tensor] = []
     hook = net.head[-1].register_forward_hook(lambda _, args, __: recorded.append(args[0]))
     try:
         with torch.inference_mode():
-            net(inputs)
+            net(inputs, form)
     finally:
         hook.remove()
     return recorded[0].numpy()

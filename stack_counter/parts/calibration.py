@@ -17,8 +17,8 @@ from stack_counter.parts.counted_scan import CountedScan, focal_length_of, scans
 from stack_counter.parts.gamma_model import fill_size
 from stack_counter.parts.informed_gamma import (
     estimate_occupancy,
+    estimator_of_part,
     models_of_other_parts,
-    tuned_estimator,
 )
 from stack_counter.types import StackCount, StackVolume
 
@@ -110,7 +110,7 @@ def calibrate(part: Part, volume: StackVolume, count: int, estimator: OccupancyE
     estimate = estimate_occupancy(volume, part, estimator)
     without_it = make_count(volume, part.unit_volume, estimate, confidence)
     _check_plausible(part, volume, count, without_it.count, force)
-    scan = _counted_scan(part, volume, count, tuned_estimator(estimator, part), bag)
+    scan = _counted_scan(part, volume, count, estimator_of_part(estimator, part), bag)
     if not force:
         _check_new(scan, part.counted, volume)
     return Calibration(scan, without_it, _drift_z_score(part, volume, scan))
@@ -191,7 +191,7 @@ def _drift_z_score(part: Part, volume: StackVolume, scan: CountedScan) -> float:
     history = scans_of_same_rig(part.counted, volume)
     if not history:
         return 0.0
-    models = part.models or models_of_other_parts()
+    models = part.models or models_of_other_parts(scan.estimator)
     model = models.one_side if scan.one_side else models.arc
     return model.counted_z_score(
         scan.reading(models.estimator), [s.reading(models.estimator) for s in history],

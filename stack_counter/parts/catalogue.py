@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,16 +13,26 @@ from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError, PartError
 from stack_counter.files import config_path, edit_yaml_entry, parse_yaml, write_atomically
 from stack_counter.parts.counted_scan import CountedScan
+from stack_counter.parts.entry_checks import (
+    checked_friction,
+    checked_measures,
+    checked_number,
+    checked_scan,
+    checked_size,
+    measures_entry,
+)
 from stack_counter.parts.part_models import PartModels, read_models
+from stack_counter.types import KnownForm, MeshMeasures
 
-MOST_FRICTION = 2.0
 _NEW_CATALOGUE = """\
 # The part catalogue: what `--part NAME`, the parameter `part` and the action's goal look up.
 # `stack-counter part` writes entries and keeps your comments. Of a part, only unit_volume_cm3
 # must be there:
 #   unit_volume_cm3      volume of one part, cm3, above 0
 #   unit_volume_std_cm3  its standard deviation, cm3; 0 where it is exact
+#   size_mm              sides of the box around one part, mm, in any order
 #   mesh                 CAD file, from this file's folder
+#   mesh_measures        what `stack-counter part add` measured of it
 #   density_g_cm3        of the material, for bins that are weighed
 #   friction             least and most, of parts on each other
 #   gamma_prior          file of what simulated piles of the part say, from this file's folder
@@ -31,8 +41,8 @@ _NEW_CATALOGUE = """\
 #   counted              bins of it that were counted: `stack-counter part calibrate` writes these
 parts:
 """
-_KEYS = ("unit_volume_cm3", "unit_volume_std_cm3", "mesh", "density_g_cm3", "friction",
-         "gamma_prior", "tuned", "note", "counted")
+_KEYS = ("unit_volume_cm3", "unit_volume_std_cm3", "size_mm", "mesh", "mesh_measures",
+         "density_g_cm3", "friction", "gamma_prior", "tuned", "note", "counted")
 _FILE_KEYS = ("mesh", "gamma_prior", "tuned")
 
 
@@ -53,6 +63,8 @@ class Part:
         counted: calibration history, oldest scan first.
         overridden: whether another v was given than that by which the catalogue knows more of
             the part.
+        outer_size_m: sides of the box around the part, metres; None where they are not known.
+        mesh_measures: measures of its mesh; None where there is none.
     """
 
     unit_volume: float
@@ -66,6 +78,13 @@ class Part:
     note: str = ""
     counted: tuple[CountedScan, ...] = ()
     overridden: bool = False
+    outer_size_m: tuple[float, float, float] | None = None
+    mesh_measures: MeshMeasures | None = None
+
+    @property
+    def form(self) -> KnownForm:
+        """What is known of its form beside v."""
+        return KnownForm(self.outer_size_m, self.mesh_measures)
 
     @cached_property
     def models(self) -> PartModels | None:
@@ -179,6 +198,10 @@ def _entry_of(part: Part, folder: Path) -> dict[str, Any]:
     values: dict[str, Any] = {"unit_volume_cm3": float(f"{part.unit_volume * 1e6:.16g}")}
     if part.unit_volume_std:
         values["unit_volume_std_cm3"] = float(f"{part.unit_volume_std * 1e6:.4g}")
+    if part.outer_size_m is not None:
+        values["size_mm"] = [float(f"{1e3 * side:.6g}") for side in part.outer_size_m]
+    if part.mesh_measures is not None:
+        values["mesh_measures"] = measures_entry(part.mesh_measures)
     for key in _FILE_KEYS:
         path = getattr(part, key)
         if path is not None:
@@ -230,7 +253,7 @@ def _checked_part(name: str, entry: Any, folder: Path) -> Part:
         raise ValueError(f"key '{unknown[0]}' (one of {', '.join(_KEYS)} needed)")
     if "unit_volume_cm3" not in entry:
         raise ValueError("no unit_volume_cm3")
-    volume, std, density = (_checked_number(entry.get(key, 0.0), key) for key in (
+    volume, std, density = (checked_number(entry.get(key, 0.0), key) for key in (
         "unit_volume_cm3", "unit_volume_std_cm3", "density_g_cm3"))
     mesh, prior, tuned = (folder / str(entry[key]) if entry.get(key) else None
                           for key in _FILE_KEYS)
@@ -238,34 +261,7 @@ def _checked_part(name: str, entry: Any, folder: Path) -> Part:
     if not isinstance(counted, list):
         raise ValueError(f"counted {counted!r} (a list needed)")
     return Part(check_unit_volume(volume * 1e-6), name, std * 1e-6, mesh, density * 1e3,
-                _checked_friction(entry.get("friction")), prior, tuned,
-                str(entry.get("note", "")), tuple(_checked_scan(scan) for scan in counted))
-
-
-def _checked_number(value: object, key: str) -> float:
-    try:
-        number = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        number = math.nan
-    if not (math.isfinite(number) and number >= 0):
-        raise ValueError(f"{key} {value!r} (a number, 0 or more, needed)")
-    return number
-
-
-def _checked_friction(pair: object) -> tuple[float, float] | None:
-    if pair is None:
-        return None
-    if not isinstance(pair, list) or len(pair) != 2:
-        raise ValueError(f"friction {pair!r} (least and most needed)")
-    low, high = (_checked_number(value, "friction") for value in pair)
-    if not 0 < low <= high <= MOST_FRICTION:
-        raise ValueError(f"friction {pair} (least and most, above 0 to {MOST_FRICTION:g}, needed)")
-    return low, high
-
-
-def _checked_scan(entry: Any) -> CountedScan:
-    names = [f.name for f in fields(CountedScan)]
-    if not isinstance(entry, dict) or sorted(entry) != sorted(names):
-        raise ValueError(f"counted {entry} (keys {', '.join(names)} needed)")
-    scan = CountedScan(**entry)
-    return replace(scan, inner_size_m=tuple(float(x) for x in scan.inner_size_m)).checked()
+                checked_friction(entry.get("friction")), prior, tuned,
+                str(entry.get("note", "")), tuple(checked_scan(scan) for scan in counted),
+                outer_size_m=checked_size(entry.get("size_mm"), volume),
+                mesh_measures=checked_measures(entry.get("mesh_measures")))

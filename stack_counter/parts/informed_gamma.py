@@ -21,7 +21,8 @@ from stack_counter.types import OccupancyEstimate, Reason, StackVolume
 if TYPE_CHECKING:
     from stack_counter.occupancy.network import NetworkEstimator
 
-SHIPPED = "parts.json"
+# By how much is known of the form of a part
+SHIPPED = ("parts.json", "parts_size.json", "parts_mesh.json")
 
 
 @dataclass(frozen=True)
@@ -42,26 +43,33 @@ SETTINGS = InformedGammaSettings()
 
 
 @cache
-def models_of_other_parts() -> PartModels:
-    """What scans of one part have in common, from parts that the estimator had not seen."""
-    return read_models(shipped_weights(SHIPPED))
+def models_of_other_parts(estimator: str) -> PartModels:
+    """What scans of one part have in common, from parts that the estimator had not seen.
+
+    Where the file of an estimator of that name is not there, it is that of the one which knows
+    v alone.
+    """
+    paths = map(shipped_weights, SHIPPED)
+    models = [read_models(path) for path in paths if path.exists()]
+    return next((m for m in models if m.estimator == estimator), models[0])
 
 
-def tuned_estimator(estimator: OccupancyEstimator, part: Part) -> OccupancyEstimator:
-    """The estimator, or the network with the last layers that were tuned to a part.
+def estimator_of_part(estimator: OccupancyEstimator, part: Part) -> OccupancyEstimator:
+    """The estimator as it knows a part: its form, and last layers that were tuned to it.
 
     Raises:
         WeightsError: the tuned layers cannot be read, or are another network's.
     """
+    knowing = estimator.knowing(part.form)
     if part.tuned is None:
-        return estimator
+        return knowing
     from stack_counter.occupancy.network import (
         NetworkEstimator,  # brings in torch, which takes seconds
     )
 
-    if not isinstance(estimator, NetworkEstimator):
-        return estimator
-    return _tuned_network(estimator, part.tuned,
+    if not isinstance(knowing, NetworkEstimator):
+        return knowing
+    return _tuned_network(knowing, part.tuned,
                           part.tuned.stat().st_mtime_ns if part.tuned.exists() else 0)
 
 
@@ -82,14 +90,14 @@ def estimate_occupancy(volume: StackVolume, part: Part, estimator: OccupancyEsti
         PartError: the part's models cannot be read.
         WeightsError: the part's tuned layers cannot be read.
     """
-    estimate = tuned_estimator(estimator, part).estimate(volume, part.unit_volume)
+    estimate = estimator_of_part(estimator, part).estimate(volume, part.unit_volume)
     # Choose what is known: models of the part's own piles, else what other parts tell of counted
     # scans; nothing where V is another from scan to scan.
     history = scans_of_same_rig(part.counted, volume)
     reasons = estimate.reasons + ((Reason.PART_UNUSED,) if part.overridden else ())
     if part.counted and not history:
         reasons += (Reason.CALIBRATED_ELSEWHERE,)
-    models = part.models or (models_of_other_parts() if history else None)
+    models = part.models or (models_of_other_parts(estimate.estimator) if history else None)
     if models is not None and (volume.top is None or volume.container.kind in ("none", "hull")):
         models, reasons = None, (*reasons, Reason.PART_UNUSED)
     if models is None or not volume.stack_volume > 0:

@@ -13,8 +13,8 @@ import numpy as np
 
 from stack_counter.config import Config
 from stack_counter.errors import PartError
-from stack_counter.occupancy import make_estimator
 from stack_counter.occupancy.checkpoint import save_tuning, tuned_name
+from stack_counter.occupancy.known_form import form_of_mesh
 from stack_counter.parts.calibration import history_at_volume
 from stack_counter.parts.catalogue import Part, find_part, save_part
 from stack_counter.parts.part_models import PartModels
@@ -112,9 +112,11 @@ def add_part(request: PartRequest, mesh: PartMesh, config: Config, catalogue: Pa
     stored = _store_mesh(request, folder)
     old = find_part(request.name, catalogue)
     density = request.density if request.density is not None else old.density if old else 0.0
+    form = form_of_mesh(mesh.vertices, mesh.faces)
     part = Part(mesh.unit_volume, request.name, 0.0, stored, density, (low, high), prior, tuned,
                 f"{date.today()} from {request.mesh_path.name}, unit {request.unit}",
-                history_at_volume(old, mesh.unit_volume, request.force))
+                history_at_volume(old, mesh.unit_volume, request.force),
+                outer_size_m=form.outer_size_m, mesh_measures=form.mesh)
     save_part(part, catalogue)
     return AddedPart(part, models, tuning, rough_form(order.shape))
 
@@ -188,7 +190,7 @@ def fit_part_models(request: PileRequest, piles: list[Pile], estimator: str = ""
         f"{request.container.kind} of " + " x ".join(
             f"{1000 * s:.0f}" for s in request.container.inner_size_m) + " mm"
     return PartModels(
-        estimator or make_estimator(request.estimator).name,
+        estimator or request.load_estimator().name,
         fit_model([p.arc for p in piles if p.arc]),
         fit_model([p.above for p in piles if p.above], "one side"),
         f"{len(piles)} simulated piles, {where}, friction {low:g} to {high:g}")

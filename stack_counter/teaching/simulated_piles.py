@@ -16,6 +16,7 @@ from stack_counter.config import CounterConfig, ReconstructorConfig
 from stack_counter.container.catalogue import configured_container
 from stack_counter.errors import PartError, ScanError, StackCounterError
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
+from stack_counter.occupancy.known_form import form_of_mesh
 from stack_counter.occupancy.network import NetworkEstimator
 from stack_counter.parts.gamma_model import Reading, fill_size
 from stack_counter.sim import (
@@ -118,6 +119,11 @@ class PileRequest:
     keep_last_layer_input: bool = False
     seed: int = SETTINGS.seed
 
+    def load_estimator(self) -> OccupancyEstimator:
+        """The gamma estimator as it knows the part's mesh."""
+        form = form_of_mesh(self.shape.vertices, self.shape.faces)
+        return _load_estimator(self.estimator).knowing(form)
+
 
 def simulate_piles(request: PileRequest, count: int, workers: int) -> Iterator[Pile]:
     """Simulates that many piles and gives them in their order, whichever gets done first.
@@ -168,7 +174,7 @@ def make_pile(request: PileRequest, index: int) -> Pile:
             failed_tries.append(str(error))
     else:
         return Pile(None, None, tuple(failed_tries))
-    estimator = _load_estimator(request.estimator)
+    estimator = request.load_estimator()
     arc, above = (_scan_pile(scene, scan, estimator, request.keep_last_layer_input)
                   for scan in (reconstruct, reconstruct_from_above))
     return Pile(arc, above, tuple(failed_tries))

@@ -21,12 +21,15 @@ from torch import nn
 
 from stack_counter.errors import ConfigError
 from stack_counter.occupancy.checkpoint import save_members
+from stack_counter.occupancy.gamma_net import knows_form
+from stack_counter.occupancy.known_form import hide_above
 from stack_counter.occupancy.maps import surface_features
 from stack_counter.occupancy.network import predict_gamma
 from stack_counter.occupancy.training_domain import TrainingDomain, assess_doubt
 from stack_counter.train.data.batches import assign_folds
 from stack_counter.train.data.fused import FusedScan, read_scans
 from stack_counter.train.member import read_member
+from stack_counter.types import KnownLevel
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,8 @@ class Residual:
 
 
 def count_with_members(members: dict[int, nn.Module], scans: list[FusedScan],
-                       fold: dict[str, int], domain: TrainingDomain) -> list[Residual]:
+                       fold: dict[str, int], domain: TrainingDomain,
+                       level: KnownLevel = KnownLevel.VOLUME) -> list[Residual]:
     """Counts all scans of whose fold there is a member, doubted as at run time.
 
     Args:
@@ -71,6 +75,7 @@ def count_with_members(members: dict[int, nn.Module], scans: list[FusedScan],
         scans: with truth.
         fold: of each family.
         domain: what the members have learnt from.
+        level: how much is known of the parts' form.
     """
     residuals = []
     for scan in scans:
@@ -79,7 +84,7 @@ def count_with_members(members: dict[int, nn.Module], scans: list[FusedScan],
         if net is None or not scan.volume > 0 or not sample.maps.height.any():
             continue
         # Predict as the run time does.
-        prediction = predict_gamma([net], sample.maps)
+        prediction = predict_gamma([net], sample.maps, hide_above(sample.known, level))
         gamma = float(np.exp(prediction.log_gamma))
         doubt = assess_doubt(
             sample.maps, parts=gamma * scan.volume / sample.part_length_m**3,
@@ -159,20 +164,24 @@ def main() -> int:
     scans, single = read_scans(options.scans), read_scans(options.one_view)
     # Measure their errors.
     domain = fit_training_domain(scans + single)
-    around, one_side = (count_with_members(members, group, fold, domain)
-                        for group in (scans, single))
+    levels = list(KnownLevel) if knows_form(next(iter(members.values()))) else [KnownLevel.VOLUME]
+    around, one_side = ([count_with_members(members, group, fold, domain, level)
+                         for level in levels] for group in (scans, single))
     calibration = {
-        "scores": scores_where_found(around), "scores_one_side": scores_where_found(one_side),
-        "centers": np.array([median_log_error(around), median_log_error(one_side)]),
+        "scores": np.array([scores_where_found(r) for r in around]),
+        "scores_one_side": np.array([scores_where_found(r) for r in one_side]),
+        "centers": np.array([[median_log_error(a), median_log_error(o)]
+                             for a, o in zip(around, one_side)]),
         **asdict(domain)}
-    errors = summarize_all_errors(around, one_side)
+    errors = {level.name.lower(): summarize_all_errors(a, o)
+              for level, a, o in zip(levels, around, one_side)}
     # Write.
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True,
                             text=True, check=False).stdout.strip()
     facts = {"version": options.version, "commit": commit, "errors": json.dumps(errors)}
     save_members(options.out, list(members.values()), facts, calibration)
     print(json.dumps(errors, indent=2))
-    _print_by_container(around)
+    _print_by_container(around[0])
     return 0
 
 

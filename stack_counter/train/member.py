@@ -16,7 +16,7 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from stack_counter.occupancy.checkpoint import make_net
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
-from stack_counter.occupancy.known_form import KnownLevel, hide_above
+from stack_counter.occupancy.known_form import hide_above
 from stack_counter.progress import progress
 from stack_counter.train.data.batches import (
     SETTINGS,
@@ -26,6 +26,7 @@ from stack_counter.train.data.batches import (
     target_tensor,
 )
 from stack_counter.train.data.heights import Sample
+from stack_counter.types import KnownLevel
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ import torch
 from scipy.optimize import minimize
 
 from stack_counter.files import shipped_weights
-from stack_counter.occupancy.checkpoint import load_members
+from stack_counter.occupancy.checkpoint import knowing_name, load_members
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
 from stack_counter.occupancy.network import SHIPPED
 from stack_counter.occupancy.training_domain import TrainingDomain
@@ -37,6 +37,7 @@ from stack_counter.sim import SCENES_PER_RIG
 from stack_counter.train.calibrate import Residual, count_with_members, median_log_error
 from stack_counter.train.data.batches import assign_folds
 from stack_counter.train.data.fused import read_scans
+from stack_counter.types import KnownLevel
 
 _SHARED = 2  # features whose coefficients differ from rig to rig: 1 and the height
 
@@ -264,23 +265,27 @@ def main() -> int:
     parser.add_argument("--families", type=Path, required=True,
                         help="families.json of the run that the weights are from")
     parser.add_argument("--weights", type=Path, default=shipped_weights(SHIPPED))
+    parser.add_argument("--level", choices=[level.name.lower() for level in KnownLevel],
+                        default="volume", help="how much is known of the parts' form; of each "
+                        "there is a file of its own")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
+    level = KnownLevel[options.level.upper()]
     checkpoint = load_members(options.weights)
     domain = TrainingDomain(*(checkpoint.calibration[name]
                               for name in ("middle", "whiten", "reach")))
     fold = assign_folds(json.loads(options.families.read_text()))
     models = []
     for folder, title, center in zip((options.scans, options.one_view), ("around", "one side"),
-                                     checkpoint.calibration["centers"].tolist()):
+                                     np.atleast_2d(checkpoint.calibration["centers"])[level].tolist()):
         residuals = count_with_members(dict(enumerate(checkpoint.members)), read_scans(folder),
-                                       fold, domain)
+                                       fold, domain, level)
         models.append(fit_with_scores(group_by_rig(residuals, center), title))
         errors = fit_volume_errors(residuals)
         print(f"center {center:+.3f}, here {median_log_error(residuals):+.3f}; log V's error "
               f"between rigs {np.round(errors.between_rigs, 5).tolist()}, standard deviation "
               f"within {errors.within_rig:.3f}")
-    PartModels(f"network {checkpoint.facts['version']}", *models,
+    PartModels(knowing_name(f"network {checkpoint.facts['version']}", level), *models,
                made="simulated rigs of training parts").write(options.out)
     return 0
 

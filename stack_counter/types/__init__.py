@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The nouns of the package as frozen dataclasses: SI units, optical camera frames, z-up world."""
 
+from stack_counter.types.part_form import KnownForm, KnownLevel, MeshMeasures
 from stack_counter.types.reasons import Reason
 from stack_counter.types.results import OccupancyEstimate, StackCount, StackVolume
 from stack_counter.types.shapes import (
@@ -32,7 +33,10 @@ __all__ = [
     "InnerMap",
     "Intrinsics",
     "KeyView",
+    "KnownForm",
+    "KnownLevel",
     "Mesh",
+    "MeshMeasures",
     "OccupancyEstimate",
     "PARTS",
     "Reason",

@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 
+from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import CountedScan
 from stack_counter.parts.gamma_model import FEATURES, GammaModel, Reading
@@ -26,7 +27,7 @@ COUNTED = CountedScan("2026-01-02", 'bin "7": #', 240, -0.5, -0.4, "network 7", 
                       "box", (0.3, 0.2, 0.1), 610.0)
 
 
-class ConstantEstimator:
+class ConstantEstimator(OccupancyEstimator):
     """An estimator that always says the same."""
 
     def __init__(self, gamma=0.5, name="network 7"):

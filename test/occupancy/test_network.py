@@ -18,23 +18,28 @@ from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.maps import stack_maps, surface_features
 from stack_counter.occupancy.network import NetworkEstimator, predict_gamma
 from stack_counter.parts.catalogue import Part
-from stack_counter.parts.informed_gamma import estimate_occupancy, tuned_estimator
-from stack_counter.types import Container
+from stack_counter.parts.informed_gamma import estimate_occupancy, estimator_of_part
+from stack_counter.types import Container, KnownForm, MeshMeasures
 
 V = 0.012**3
+
+
+SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)
 
 
 @pytest.fixture
 def weights(tmp_path):
     """An untrained ensemble that knows surfaces like `hills`."""
+    return write_weights(tmp_path / "w.safetensors", SMALL)
+
+
+def write_weights(path, config, **calibration):
     torch.manual_seed(1)
-    nets = [GammaNet(NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)) for _ in range(2)]
     middle = surface_features(stack_maps(stack_volume_of_heights(sine_hills(1.0)), V))
-    path = tmp_path / "w.safetensors"
-    save_members(path, nets, {"version": "test"}, {
+    save_members(path, [GammaNet(config) for _ in range(2)], {"version": "test"}, {
         "scores": np.linspace(-2, 2, 41), "scores_one_side": np.linspace(-3, 3, 21),
         "centers": np.array([0.1, 0.0]), "middle": middle,
-        "whiten": np.eye(6) / 0.2, "reach": np.array([3.0])})
+        "whiten": np.eye(6) / 0.2, "reach": np.array([3.0]), **calibration})
     return path
 
 
@@ -175,8 +180,8 @@ def test_a_part_with_tuned_layers_is_counted_by_them(weights, tmp_path):
     net, path = network(weights), tmp_path / "t.safetensors"
     save_tuning(path, np.zeros((2, 16)), 0.2, net.name)
     part = Part(V, "nut", tuned=path)
-    assert "tuned" in tuned_estimator(net, part).name and tuned_estimator(net, Part(V)) is net
-    assert tuned_estimator(Prior(Baselines()), part).name == "prior (baseline)"
+    assert "tuned" in estimator_of_part(net, part).name and estimator_of_part(net, Part(V)) is net
+    assert estimator_of_part(Prior(Baselines()), part).name == "prior (baseline)"
     gamma = estimate_occupancy(stack_volume_of_heights(sine_hills(1.0)), part, net).gamma
     assert gamma == pytest.approx(
         net.estimate(stack_volume_of_heights(sine_hills(1.0)), V).gamma * np.exp(0.2)
@@ -185,3 +190,24 @@ def test_a_part_with_tuned_layers_is_counted_by_them(weights, tmp_path):
     assert estimate_occupancy(stack_volume_of_heights(sine_hills(1.0)), part, net).gamma > gamma, (
         "a changed file is read"
     )
+
+
+def test_what_is_known_of_the_form_changes_the_estimate_and_its_name(tmp_path):
+    scores = np.array([np.linspace(-1, 1, 9), np.linspace(-2, 2, 9), np.linspace(-3, 3, 9)])
+    path = write_weights(tmp_path / "w.safetensors", replace(SMALL, knows_form=True),
+                         scores=scores, centers=np.zeros((3, 2)))
+    net, volume = network(path), stack_volume_of_heights(sine_hills(1.0))
+    size = KnownForm((0.03, 0.02, 0.01))
+    mesh = replace(size, mesh=MeshMeasures(0.5, 1e-3, 1, (0.01, 0.008, 0.004)))
+    by_level = [net, net.knowing(size), net.knowing(mesh)]
+    assert net.knowing(KnownForm()) is net and net.knowing(size) is net.knowing(size)
+    assert [n.name.partition(", ")[2] for n in by_level] == ["", "size known", "mesh known"]
+    estimates = [n.estimate(volume, V) for n in by_level]
+    assert len({e.gamma for e in estimates}) == 3
+    assert [e.scores.max() for e in estimates] == [1, 2, 3]
+    assert by_level[2].last_layer_input(volume, V).shape == net.last_layer_input(volume, V).shape
+
+
+def test_a_network_that_reads_no_form_stays_as_it_is(weights):
+    net = network(weights)
+    assert net.knowing(KnownForm((0.03, 0.02, 0.01))) is net

@@ -9,6 +9,7 @@ from kits.known_parts import COUNTED, gamma_model
 from stack_counter.errors import ConfigError, PartError
 from stack_counter.parts.catalogue import Part, load_parts, remove_part, resolve_part, save_part
 from stack_counter.parts.part_models import PartModels
+from stack_counter.types import KnownLevel, MeshMeasures
 
 
 def test_a_part_survives_the_file(tmp_path):
@@ -90,6 +91,12 @@ def test_what_could_not_be_read_again_is_not_written(tmp_path):
     ("parts: {a: {unit_volume_cm3: 1, friction: [a, 1]}}", "'a': friction 'a'"),
     ("parts: {a: {unit_volume_cm3: 1, friction: [0.2, 3]}}", "'a': friction [0.2, 3]"),
     ("parts: {a: {unit_volume_cm3: 1, friction: [0, 0.2]}}", "'a': friction [0, 0.2]"),
+    ("parts: {a: {unit_volume_cm3: 1, size_mm: 5}}", "'a': size_mm 5"),
+    ("parts: {a: {unit_volume_cm3: 1, size_mm: [10, 10, 0]}}", "'a': size_mm [10, 10, 0]"),
+    ("parts: {a: {unit_volume_cm3: 1, size_mm: [10, 10, 9]}}", "a box of 0.9 cm3"),
+    ("parts: {a: {unit_volume_cm3: 1, mesh_measures: {holes: 1}}}", "'a': mesh_measures"),
+    ("parts: {a: {unit_volume_cm3: 1, mesh_measures: {solidity: 2, surface_cm2: 1, holes: 1, "
+     "gyration_mm: [1, 1, 1]}}}", "solidity above 0 to 1"),
     ("parts: {a: {unit_volume_cm3: 1, counted: 5}}", "'a': counted 5"),
     ("parts: {1: {unit_volume_cm3: 1}, '1': {unit_volume_cm3: 2}}", "two entries '1'"),
     ("parts: {a: {unit_volume_cm3: 1}, a: {unit_volume_cm3: 2}}", "two entries 'a'"),
@@ -145,3 +152,12 @@ def test_the_shipped_catalogue_can_be_read():
     parts = load_parts()
     assert parts["pasta_spiral"].unit_volume == pytest.approx(1.05476e-6)
     assert all(part.models is not None for part in parts.values() if part.gamma_prior)
+
+
+def test_outer_dimensions_and_measures_of_the_mesh_come_back(tmp_path):
+    path = tmp_path / "parts.yaml"
+    measures = MeshMeasures(0.45, 0.01, 2, (0.012, 0.011, 0.003))
+    part = Part(1e-6, "bracket", outer_size_m=(0.03, 0.02, 0.01), mesh_measures=measures)
+    save_part(part, path)
+    assert load_parts(path)["bracket"] == part
+    assert part.form.level == KnownLevel.MESH and Part(1e-6).form.level == KnownLevel.VOLUME

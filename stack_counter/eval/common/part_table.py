@@ -14,8 +14,8 @@ from stack_counter.sim import Scene
 from stack_counter.types import Reason
 
 # Rows of the table: what is known of the part.
-ROWS = ("v only", "CAD", "one counted scan", "CAD and one counted scan", "three counted scans",
-        "CAD and three counted scans")
+ROWS = ("v only", "v and size", "mesh", "CAD", "one counted scan", "CAD and one counted scan",
+        "three counted scans", "CAD and three counted scans")
 # Fill, in part lengths, at which the sensitivity of gamma is stated.
 _HEIGHT, _WIDTH = 4, 6
 

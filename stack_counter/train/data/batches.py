@@ -15,10 +15,11 @@ import torch
 from torch.utils.data import DataLoader, Dataset
 from typing_extensions import override
 
-from stack_counter.occupancy.known_form import KnownLevel, add_size_errors, hide_above
+from stack_counter.occupancy.known_form import add_size_errors, hide_above
 from stack_counter.occupancy.maps import TILE, StackMaps, network_channels
 from stack_counter.train.data.degrade import degrade_like_fusion
 from stack_counter.train.data.heights import Sample
+from stack_counter.types import KnownLevel
 
 FOLDS = 5  # groups of families; a member of the ensemble leaves out one
 _FOLD_SEED = 5

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from stack_counter.child_processes import worker_pool
-from stack_counter.occupancy.known_form import KNOWN_VALUES, known_values, measure_form
+from stack_counter.occupancy.known_form import KNOWN_VALUES, form_of_mesh, known_values
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, make_maps
 from stack_counter.progress import progress
 from stack_counter.reconstruction.integral import fill_unknown_cells
@@ -99,7 +99,7 @@ def make_sample(scene: Scene) -> Sample:
 def label_maps(maps: StackMaps, scene: Scene) -> Sample:
     """Joins maps of a scene, however they were made, with its truth."""
     shape, unit_volume = scene.shape, scene.truth.unit_volume
-    known = known_values(measure_form(shape.vertices, shape.faces), unit_volume)
+    known = known_values(form_of_mesh(shape.vertices, shape.faces), unit_volume)
     return Sample(maps, scene.truth.gamma, shape_logs(scene), unit_volume ** (1 / 3),
                   f"{scene.seed}:{scene.index}", shape.family, scene.container.kind,
                   scene.truth.count, scene.truth.fill, known)
