@@ -37,8 +37,9 @@ class CollectorConfig:
                          choices=("scan", "continuous", "cycle"))
     part: str = _setting("", "name of the part, for scans that start by themselves; the counter's "
                              "where empty")
-    unit_volume_m3: float = _setting(0.0, "volume of one part for such scans, m3; 0: the part's",
-                                     0.0)
+    unit_volume_m3: float = _setting(0.0, "volume of one part, m3; 0: the part's", 0.0)
+    part_size_m: tuple[float, ...] = _setting((0.0, 0.0, 0.0), "sides of the box around one part, "
+                                              "m; zeros: the part's", 0.0)
     part_catalogue: str = _setting("", "file of the known parts; empty: config/parts.yaml")
     rig: str = _setting("", "file that names several cameras; empty: one, as described below")
     world_frame: str = _setting("base_link", "frame of the poses, z up")
@@ -163,6 +164,8 @@ class CounterConfig:
     part: str = _setting("", "name of the part in the catalogue", runtime=True)
     unit_volume_m3: float = _setting(0.0, "volume of one part, m3; 0: the part's", 0.0,
                                      runtime=True)
+    part_size_m: tuple[float, ...] = _setting((0.0, 0.0, 0.0), "sides of the box around one part, "
+                                              "m; zeros: the part's", 0.0, runtime=True)
     part_catalogue: str = _setting("", "file of the known parts; empty: config/parts.yaml")
     estimator: str = _setting("network", "what says gamma", choices=(
         "network", "depth_corrected", "depth_extrapolated", "prior", "direct"))

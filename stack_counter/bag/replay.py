@@ -38,7 +38,7 @@ from stack_counter.pipeline import StackCounter, count_stack
 from stack_counter.region_counters import RegionCounters, RegionVolume
 from stack_counter.segmentation.prompts import read_prompts
 from stack_counter.segmentation.scan_labels import ScanLabels
-from stack_counter.types import Reason, StackCount, StackVolume, View, ViewTally
+from stack_counter.types import PartRequest, Reason, StackCount, StackVolume, View, ViewTally
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +57,7 @@ class _CountSettings:
 
 
 def count_bag(path: str | Path, *, part: str = "", unit_volume: float = 0.0,
+              part_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
               config: Config | None = None) -> StackCount:
     """Counts the stack of a recorded bag.
 
@@ -64,6 +65,7 @@ def count_bag(path: str | Path, *, part: str = "", unit_volume: float = 0.0,
         path: rosbag2 folder, or a file of a recording.
         part: name of a part of the catalogue; or else
         unit_volume: volume of one part, m3.
+        part_size_m: sides of the box around one part, metres; zeros: not known.
         config: settings; None: those of `config/stack_counter.yaml`.
 
     Raises:
@@ -78,7 +80,8 @@ def count_bag(path: str | Path, *, part: str = "", unit_volume: float = 0.0,
     if config.reconstructor.regions:
         raise ConfigError("the settings name regions; expected none for one count: replay_direct "
                           "gives one for each of them")
-    known = resolve_part(part, unit_volume, config.counter.part_catalogue)
+    known = resolve_part(PartRequest(part, unit_volume, part_size_m),
+                         config.counter.part_catalogue)
     count = replay_direct(Path(path), config, known)[0].count
     assert count is not None  # for the type checker: without one there is a ScanError
     return count

@@ -34,6 +34,7 @@ from stack_counter.parts.catalogue import (
 from stack_counter.parts.entry_checks import MOST_FRICTION
 from stack_counter.parts.gamma_model import GammaModel
 from stack_counter.progress import progress_bar
+from stack_counter.types import PartRequest
 
 if TYPE_CHECKING:
     from stack_counter.parts.calibration import Calibration
@@ -212,7 +213,7 @@ def _template(options: argparse.Namespace) -> int:
 
 def _calibrate(options: argparse.Namespace) -> int:
     config, path = _load_settings(options)
-    part = resolve_part(options.name, 0.0, str(path))
+    part = resolve_part(PartRequest(options.name), str(path))
     if options.undo:
         return _undo_calibration(part, path)
     bag = require_bag(options.bag)

@@ -16,6 +16,7 @@ from stack_counter.cli.common import (
     add_config_argument,
     add_time_arguments,
     chosen_time_range,
+    positive_number,
     require_bag,
 )
 from stack_counter.config import Config, CounterConfig, build_section, load_config
@@ -24,8 +25,9 @@ from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError
 from stack_counter.files import config_path
 from stack_counter.occupancy import make_estimator
-from stack_counter.parts.catalogue import Part, resolve_part
+from stack_counter.parts.catalogue import Part, configured_part, resolve_part
 from stack_counter.progress import progress_bar
+from stack_counter.types import PartRequest
 
 if TYPE_CHECKING:
     from stack_counter.bag.replayed import Replayed
@@ -39,6 +41,8 @@ def add_replay(commands: argparse._SubParsersAction) -> None:
     part = replay.add_mutually_exclusive_group()
     part.add_argument("--part", default="", metavar="NAME", help="part of the catalogue")
     part.add_argument("--unit-volume-cm3", type=float, metavar="X", help="volume of one part")
+    replay.add_argument("--part-size-mm", type=_part_size, metavar="XxYxZ",
+                        help="sides of the box around one part, in any order, as 32x16x10")
     replay.add_argument("--catalogue", type=Path, metavar="FILE",
                         help="known parts; default: the configured ones, config/parts.yaml")
     add_config_argument(replay)
@@ -63,6 +67,14 @@ def add_replay(commands: argparse._SubParsersAction) -> None:
     replay.add_argument("--prompts", type=Path, metavar="FILE",
                         help="points or boxes for the prompted segmenter")
     replay.set_defaults(run=_replay)
+
+
+def _part_size(text: str) -> tuple[float, ...]:
+    """Argument type: three lengths in mm with x between them; returns metres."""
+    sides = text.lower().split("x")
+    if len(sides) != 3:
+        raise argparse.ArgumentTypeError(f"'{text}'; expected three sides in mm, as 32x16x10")
+    return tuple(1e-3 * positive_number(side) for side in sides)
 
 
 class _PrintSchema(argparse.Action):
@@ -128,12 +140,14 @@ def _settings(options: argparse.Namespace) -> Config:
 
 def _part(options: argparse.Namespace, config: Config) -> Part:
     """The part that the command line, else the settings name."""
+    request = configured_part(config.counter)
     if options.unit_volume_cm3 is not None:
-        unit_volume = check_unit_volume(options.unit_volume_cm3 * 1e-6)
-        return resolve_part("", unit_volume, config.counter.part_catalogue)
-    unit_volume = 0.0 if options.part else config.counter.unit_volume_m3
-    return resolve_part(options.part or config.counter.part, unit_volume,
-                        config.counter.part_catalogue)
+        request = PartRequest("", check_unit_volume(options.unit_volume_cm3 * 1e-6))
+    elif options.part:
+        request = PartRequest(options.part)
+    if options.part_size_mm is not None:
+        request = replace(request, outer_size_m=options.part_size_mm)
+    return resolve_part(request, config.counter.part_catalogue)
 
 
 def _count(options: argparse.Namespace, config: Config, part: Part, begin: float
@@ -146,8 +160,10 @@ def _count(options: argparse.Namespace, config: Config, part: Part, begin: float
         if options.nodes:
             from stack_counter.ros.node_replay import replay_nodes
 
-            return replay_nodes(options.bag, config, part.name, part.unit_volume, options.rate,
-                                on_view, begin, time_range)
+            request = PartRequest(part.name, part.unit_volume,
+                                  part.outer_size_m or PartRequest().outer_size_m)
+            return replay_nodes(options.bag, config, request, options.rate, on_view, begin,
+                                time_range)
         from stack_counter.bag.replay import replay_direct
 
         return replay_direct(options.bag, config, part, options.rate, on_view, begin, time_range)

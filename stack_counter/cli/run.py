@@ -16,7 +16,7 @@ from stack_counter.container.catalogue import configured_container
 from stack_counter.errors import ConfigError
 from stack_counter.files import config_path
 from stack_counter.parameter_files import NAMESPACE, OF_EVERY_NODE, write_parameter_file
-from stack_counter.parts.catalogue import resolve_part
+from stack_counter.parts.catalogue import configured_part, resolve_part
 
 _NODES = ("collector", "reconstructor", "counter")
 
@@ -92,8 +92,8 @@ def _check_catalogues(config: Config) -> None:
         ConfigError: the container is unknown, or a catalogue is missing or malformed.
     """
     for settings in (config.counter, config.collector):
-        if settings.part or settings.unit_volume_m3:
-            resolve_part(settings.part, settings.unit_volume_m3, settings.part_catalogue)
+        if configured_part(settings).names_a_part:
+            resolve_part(configured_part(settings), settings.part_catalogue)
     configured_container(config.reconstructor)
 
 

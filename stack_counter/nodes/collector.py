@@ -24,11 +24,14 @@ from stack_counter.nodes.scan_lines import forgotten_line, opened_line
 from stack_counter.nodes.scan_modes import make_session
 from stack_counter.nodes.scan_queue import QueuedScan
 from stack_counter.nodes.scan_recording import ScanRecording
+from stack_counter.parts.catalogue import configured_part
 from stack_counter.ros.conversions import to_posed_image
 from stack_counter.ros.diagnostics import WARN
 from stack_counter.ros.lifecycle import ManagedNode, run
+from stack_counter.ros.part_fields import from_part_fields, to_part_fields
 from stack_counter.ros.qos import RELIABLE
 from stack_counter.ros.standard_messages import to_header
+from stack_counter.types import PartRequest
 from stack_counter.views.rig import load_rig
 from stack_counter.views.rig_assembler import RigAssembler
 
@@ -44,7 +47,7 @@ class Collector(ManagedNode[CollectorConfig]):
     def setup(self, config: CollectorConfig) -> None:
         """Subscribes to the cameras and offers the scan services."""
         self._config, self._rig = config, load_rig(config)
-        self._part = RequestedPart(config.part, config.unit_volume_m3, config.part_catalogue,
+        self._part = RequestedPart(configured_part(config), config.part_catalogue,
                                    self.get_logger().error)
         self._assembler = RigAssembler(self._rig)
         self._session = make_session(config.mode, self._rig, self._assembler,
@@ -113,8 +116,7 @@ class Collector(ManagedNode[CollectorConfig]):
                         self.get_logger().info(opened_line(scan))
                 case scan_events.ViewReady(scan, camera, view):
                     self._posed_images.publish(to_posed_image(
-                        view, self._config.world_frame, scan.scan_id, scan.part,
-                        scan.unit_volume, camera))
+                        view, self._config.world_frame, scan.scan_id, scan.part, camera))
                 case scan_events.ViewDropped(view):
                     self._recording.note_overrun(view)
                 case scan_events.ScanSent(scan):
@@ -132,7 +134,7 @@ class Collector(ManagedNode[CollectorConfig]):
         self._status.publish(ScanStatus(
             header=to_header(self.get_clock().now().nanoseconds, self._config.world_frame),
             node="collector", scan_id=scan.scan_id if scan else "", state=state,
-            part=scan.part if scan else "", unit_volume=scan.unit_volume if scan else 0.0,
+            **to_part_fields(scan.part if scan else PartRequest()),
             problems=self._topics.problems() if scan and not scan.views else [],
             received=tally.received, processed=scan.views if scan else 0,
             skip_reasons=list(skipped), skip_counts=list(skipped.values()),
@@ -157,7 +159,7 @@ class Collector(ManagedNode[CollectorConfig]):
             return response
         try:
             self._session.check_startable()
-            self._part.request(request.part, request.unit_volume)
+            self._part.request(from_part_fields(request))
         except (ScanError, PartError, ConfigError) as error:
             response.message = str(error)
             response.scan_id = self._session.open_scan_id if isinstance(error, ScanError) else ""

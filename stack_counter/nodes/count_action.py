@@ -16,9 +16,11 @@ from std_srvs.srv import Trigger
 from stack_counter.config import CounterConfig
 from stack_counter.errors import ConfigError, PartError
 from stack_counter.nodes.count_job import CountJob, CountJobRunner, Request
-from stack_counter.parts.catalogue import resolve_part
+from stack_counter.parts.catalogue import configured_part, resolve_part
 from stack_counter.ros.lifecycle import ManagedNode
+from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.qos import RELIABLE
+from stack_counter.types import PartRequest
 
 
 class CountAction:
@@ -65,15 +67,18 @@ class CountAction:
         request = self._request_of(scan_id)
         return request.confidence if request and request.confidence else self.config.confidence
 
-    def requested_part(self, scan_id: str) -> tuple[str, float]:
-        """Returns part and unit volume, m3, of a scan that names none: its job's, or the node's.
+    def requested_part(self, scan_id: str) -> PartRequest:
+        """Returns the part of a scan that names none: its job's, or the node's.
 
         A scan without any view cannot name its part.
         """
         request = self._request_of(scan_id)
-        if request and (request.part or request.unit_volume):
-            return request.part, request.unit_volume
-        return self.config.part, self.config.unit_volume_m3
+        return self._part_of(request) if request else configured_part(self.config)
+
+    def _part_of(self, request: Request) -> PartRequest:
+        """Returns the part that a request names, or the node's own."""
+        part = from_part_fields(request)
+        return part if part.names_a_part else configured_part(self.config)
 
     def _request_of(self, scan_id: str) -> Request | None:
         """Returns what was asked for by the job of a scan; None if no job has it."""
@@ -117,11 +122,8 @@ class CountAction:
         if request.max_views and request.max_views < request.min_views:
             return (f"{request.min_views} to {request.max_views} views; expected a maximum of 0 "
                     "(none) or at least the minimum")
-        part, unit_volume = request.part, request.unit_volume
-        if not part and not unit_volume:
-            part, unit_volume = self.config.part, self.config.unit_volume_m3
         try:
-            resolve_part(part, unit_volume, self.config.part_catalogue)
+            resolve_part(self._part_of(request), self.config.part_catalogue)
         except (PartError, ConfigError) as error:
             return str(error)
         return ""

@@ -15,6 +15,7 @@ from stack_counter_msgs.srv import StartCount, StartScan, StopScan
 
 from stack_counter.ros.conversions import set_verdict
 from stack_counter.ros.lifecycle import ManagedNode
+from stack_counter.ros.part_fields import from_part_fields, to_part_fields
 
 Request: TypeAlias = "CountStack.Goal | StartCount.Request"  # they have the same fields
 
@@ -179,7 +180,7 @@ class CountJobRunner:
         if not self._start.service_is_ready():
             return "no collector offers start_scan; expected one running"
         started = await self._wait_for(self._start.call_async(StartScan.Request(
-            part=job.request.part, unit_volume=job.request.unit_volume)), TIMEOUTS.answer_s)
+            **to_part_fields(from_part_fields(job.request)))), TIMEOUTS.answer_s)
         if started is None or not started.accepted:
             return started.message if started else "start_scan gave no answer"
         job.scan_id, job.hint = started.scan_id, started.message

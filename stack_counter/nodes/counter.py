@@ -14,7 +14,7 @@ from stack_counter.nodes.count_action import CountAction
 from stack_counter.nodes.count_publishers import CountPublishers
 from stack_counter.nodes.result_logging import ResultLogging
 from stack_counter.occupancy import make_estimator
-from stack_counter.parts.catalogue import resolve_part
+from stack_counter.parts.catalogue import configured_part, resolve_part
 from stack_counter.pipeline import count_stack
 from stack_counter.ros.conversions import (
     failed_count,
@@ -28,6 +28,7 @@ from stack_counter.ros.conversions import (
 from stack_counter.ros.diagnostics import ERROR, OK, WARN, data_age_s
 from stack_counter.ros.lifecycle import ManagedNode, run
 from stack_counter.ros.markers import ORIGIN_PLACE, TextPlace, count_marker, text_place
+from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.qos import LATCHED_ALL, LATCHED_NEWEST
 from stack_counter.views.decoding import stamp_ns
 
@@ -79,8 +80,8 @@ class CounterNode(ManagedNode[CounterConfig]):
     @staticmethod
     def _check_part(config: CounterConfig) -> None:
         """Raises PartError or ConfigError if the settings name a part that is unknown."""
-        if config.part or config.unit_volume_m3:
-            resolve_part(config.part, config.unit_volume_m3, config.part_catalogue)
+        if configured_part(config).names_a_part:
+            resolve_part(configured_part(config), config.part_catalogue)
 
     def _on_volume(self, message: StackVolume) -> None:
         # Count.
@@ -121,12 +122,13 @@ class CounterNode(ManagedNode[CounterConfig]):
 
     def _count_volume(self, message: StackVolume) -> StackCount:
         """Returns the count of a volume, or the error that there is instead."""
-        if not message.part and not message.unit_volume:
-            message.part, message.unit_volume = self._action.requested_part(message.scan_id)
+        request = from_part_fields(message)
+        if not request.names_a_part:
+            request = self._action.requested_part(message.scan_id)
+            message.part, message.unit_volume = request.name, request.unit_volume
         try:
             # Read the catalogue again: it may have changed since the last count.
-            known_part = resolve_part(message.part, message.unit_volume,
-                                      self._config.part_catalogue)
+            known_part = resolve_part(request, self._config.part_catalogue)
             message.unit_volume = known_part.unit_volume
             if message.error:
                 return failed_count(message.error, message)

@@ -24,6 +24,7 @@ from stack_counter.region_counters import RegionCounters, RegionVolume
 from stack_counter.ros.conversions import from_posed_image, from_skips, to_stack_volume, to_tally
 from stack_counter.ros.diagnostics import WARN, Rate
 from stack_counter.ros.lifecycle import ManagedNode, run
+from stack_counter.ros.part_fields import from_part_fields, to_part_fields
 from stack_counter.ros.qos import RELIABLE, latched
 from stack_counter.ros.standard_messages import to_header
 from stack_counter.types import Reason, ViewTally
@@ -164,8 +165,8 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         # A scan of which no image has come is one without views.
         if self._scan is None or self._scan.scan_id != message.scan_id:
             self._start_scan(PosedImage(
-                scan_id=message.scan_id, header=message.header, part=message.part,
-                unit_volume=message.unit_volume, world_frame=message.header.frame_id))
+                scan_id=message.scan_id, header=message.header,
+                world_frame=message.header.frame_id, **to_part_fields(from_part_fields(message))))
         self._arrival.add_stop()
         self._finish_if_complete()
 
@@ -241,9 +242,9 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
             error += f"; {Reason.VIEWS_LOST}: {lost} of {views.received} never reached this node"
         self._volume.publish(StackVolume(
             header=Header(stamp=scan.header.stamp, frame_id=scan.world_frame),
-            scan_id=scan.scan_id, region=measured.region, final=True, part=scan.part,
-            unit_volume=scan.unit_volume, error=error, missing_cameras=missing_cameras,
-            views=to_tally(views)))
+            scan_id=scan.scan_id, region=measured.region, final=True, error=error,
+            missing_cameras=missing_cameras, views=to_tally(views),
+            **to_part_fields(from_part_fields(scan))))
 
     def _scan_tally(self, tally: ViewTally) -> ViewTally:
         """Returns the tally with the collector's skips and the lost views, once it has stopped."""
@@ -260,7 +261,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         tally = self._stack.tally
         self._status.publish(ScanStatus(
             header=self._scan.header, node="reconstructor", scan_id=self._scan.scan_id,
-            part=self._scan.part, unit_volume=self._scan.unit_volume, state=state,
+            **to_part_fields(from_part_fields(self._scan)), state=state,
             received=self._arrival.received, processed=tally.used,
             skip_reasons=list(tally.skipped), skip_counts=list(tally.skipped.values()),
             coverage=self._stack.coverage, stack_volume=self._running_volume))

@@ -9,8 +9,9 @@ from stack_counter.types import ViewTally
 
 def opened_line(scan: QueuedScan) -> str:
     """Says what an opened scan is of, and which cameras it lacks."""
-    part = f"part '{scan.part}'" if scan.part else \
-        f"unit volume {scan.unit_volume * 1e6:g} cm3" if scan.unit_volume else "the counter's part"
+    name, unit_volume = scan.part.name, scan.part.unit_volume
+    part = f"part '{name}'" if name else \
+        f"unit volume {unit_volume * 1e6:g} cm3" if unit_volume else "the counter's part"
     missing = f"; no view of {', '.join(scan.missing)}" if scan.missing else ""
     return f"scan '{scan.scan_id}' opened: {part}{missing}"
 

@@ -63,7 +63,7 @@ class SingleScan(ScanSession):
 
     def open_scan(self, scan_id: str) -> list[ScanEvent]:
         """Opens a scan of the requested part."""
-        scan = QueuedScan(scan_id or uuid.uuid4().hex[:8], *self.requested_part(),
+        scan = QueuedScan(scan_id or uuid.uuid4().hex[:8], self.requested_part(),
                           newest_only=self.newest_only)
         return self.begin_scan(scan, recorded_as=scan)
 
@@ -114,7 +114,7 @@ class CycleScans(ScanSession):
     def start(self, scan_id: str = "") -> list[ScanEvent]:
         """Takes images, if they are not taken already; the next cycle is the scan."""
         return [] if self.accepting_images else self.begin_scan(
-            None, recorded_as=QueuedScan("cycle", *self.requested_part()))
+            None, recorded_as=QueuedScan("cycle", self.requested_part()))
 
     def add_view(self, camera: str, view: View) -> list[ScanEvent]:
         """Takes a view into its cycle; cycles that are over become scans."""
@@ -138,7 +138,7 @@ class CycleScans(ScanSession):
 
     def _close_cycle(self, cycle: Cycle) -> list[ScanEvent]:
         """Makes a cycle a scan of its own, with all its views there."""
-        scan = QueuedScan(cycle_scan_id(cycle.stamp_ns), *self.requested_part())
+        scan = QueuedScan(cycle_scan_id(cycle.stamp_ns), self.requested_part())
         for camera in self._cycles.cameras:
             if camera in cycle.views:
                 scan.add(camera, cycle.views[camera])
@@ -149,4 +149,4 @@ class CycleScans(ScanSession):
                     for other in given_up]
         # What is heard from now on belongs to the next cycle.
         return [*problems, *self.close_scan(scan),
-                ScanOpened(QueuedScan("cycle", scan.part, scan.unit_volume))]
+                ScanOpened(QueuedScan("cycle", scan.part))]

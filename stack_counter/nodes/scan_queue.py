@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
-from stack_counter.types import View, ViewTally
+from stack_counter.types import PartRequest, View, ViewTally
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,8 @@ class QueuedScan:
     """One scan: its part, its views that wait, and how far it is.
 
     Attributes:
-        scan_id, part, unit_volume: as in `PosedImage`.
+        scan_id: as in `PosedImage`.
+        part: that it is asked to be of.
         waiting: camera names and views that are not sent yet.
         sent: number of its views that were sent.
         processed: number of its views that the reconstructor reports as received.
@@ -46,8 +47,7 @@ class QueuedScan:
     """
 
     scan_id: str
-    part: str = ""
-    unit_volume: float = 0.0
+    part: PartRequest = PartRequest()
     waiting: deque[tuple[str, View]] = field(default_factory=deque)
     sent: int = 0
     processed: int = 0

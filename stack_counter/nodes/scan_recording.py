@@ -64,8 +64,9 @@ class ScanRecording:
         """Begins the recording of a scan."""
         self._overrun = []
         if self._recorder is not None:
-            self._recorder.start({"scan_id": scan.scan_id, "part": scan.part,
-                                  "unit_volume_m3": repr(scan.unit_volume),
+            self._recorder.start({"scan_id": scan.scan_id, "part": scan.part.name,
+                                  "unit_volume_m3": repr(scan.part.unit_volume),
+                                  "part_size_m": " ".join(map(repr, scan.part.outer_size_m)),
                                   "version": __version__})
 
     def note_overrun(self, view: View) -> None:

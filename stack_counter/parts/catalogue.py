@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
+from stack_counter.config import CollectorConfig, CounterConfig
 from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError, PartError
 from stack_counter.files import config_path, edit_yaml_entry, parse_yaml, write_atomically
@@ -22,7 +23,7 @@ from stack_counter.parts.entry_checks import (
     measures_entry,
 )
 from stack_counter.parts.part_models import PartModels, read_models
-from stack_counter.types import KnownForm, MeshMeasures
+from stack_counter.types import KnownForm, MeshMeasures, PartRequest
 
 _NEW_CATALOGUE = """\
 # The part catalogue: what `--part NAME`, the parameter `part` and the action's goal look up.
@@ -136,30 +137,49 @@ def find_part(name: str, path: Path) -> Part | None:
     return load_parts(path).get(name) if path.exists() else None
 
 
-def resolve_part(name: str, unit_volume: float, catalogue: str = "") -> Part:
-    """Looks up the part that is named, or makes one of which no more than v is known.
+def configured_part(config: CollectorConfig | CounterConfig) -> PartRequest:
+    """The part that a node's settings name; an empty request where they name none."""
+    return PartRequest(config.part, config.unit_volume_m3, config.part_size_m)
+
+
+def resolve_part(request: PartRequest, catalogue: str = "") -> Part:
+    """Looks up the part that is asked for, or makes one of which no more is known than is said.
+
+    A v that is not the named part's own overrides all that is known of it; outer dimensions
+    override its own.
 
     Args:
-        name: in the catalogue, or "".
-        unit_volume: v, m3; 0 where not given. One that is not the named part's own overrides all
-            that is known of it.
+        request: which part.
         catalogue: file; empty is the shipped one.
 
     Raises:
-        PartError: neither is given, the name is unknown, the volume is no positive number, or
-            the part's models cannot be read.
+        PartError: neither name nor v is given, the name is unknown, v is no positive number or
+            not held by the outer dimensions, or the part's models cannot be read.
         ConfigError: the catalogue is missing or malformed.
     """
-    if not name and not unit_volume:
+    name, unit_volume = request.name, request.unit_volume
+    if not request.names_a_part:
         raise PartError("no part named and no unit volume given; expected one of them")
     parts = load_parts(Path(catalogue) if catalogue else None) if name else {}
     part = parts.get(name)
     if part and (not unit_volume or math.isclose(unit_volume, part.unit_volume, rel_tol=1e-9)):
-        return part.with_models_read()
+        return _with_size(part, request.outer_size_m).with_models_read()
     if unit_volume:
         overridden = bool(part and (part.gamma_prior or part.counted))
-        return Part(check_unit_volume(unit_volume), name, overridden=overridden)
+        return _with_size(Part(check_unit_volume(unit_volume), name, overridden=overridden),
+                          request.outer_size_m)
     raise PartError(f"unknown part '{name}'; expected one of {sorted(parts)}")
+
+
+def _with_size(part: Part, outer_size_m: tuple[float, ...]) -> Part:
+    """The part with outer dimensions that somebody gives; zeros leave it as it is."""
+    if not any(outer_size_m):
+        return part
+    try:
+        size = checked_size([1e3 * side for side in outer_size_m], part.unit_volume * 1e6)
+    except ValueError as error:
+        raise PartError(str(error)) from error
+    return replace(part, outer_size_m=size)
 
 
 def save_part(part: Part, path: Path) -> None:

@@ -22,11 +22,13 @@ from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
 from stack_counter_msgs.msg import ViewTally as ViewTallyMsg
 
 from stack_counter.counting import verdict
+from stack_counter.ros.part_fields import from_part_fields, to_part_fields
 from stack_counter.ros.standard_messages import to_camera_info, to_header, to_image, to_pose
 from stack_counter.types import (
     Container,
     HeightMap,
     KeyView,
+    PartRequest,
     Reason,
     StackCount,
     StackVolume,
@@ -46,7 +48,7 @@ _VERDICT_PHRASES = {"pass": "all of it within", "fail": "none of it within",
 
 # --- one view ---------------------------------------------------------------------------------
 
-def to_posed_image(view: View, world_frame: str, scan_id: str, part: str, unit_volume: float,
+def to_posed_image(view: View, world_frame: str, scan_id: str, part: PartRequest,
                    camera: str = "") -> PosedImage:
     """Returns the message of a view.
 
@@ -54,13 +56,12 @@ def to_posed_image(view: View, world_frame: str, scan_id: str, part: str, unit_v
         view: what is sent.
         world_frame: frame of `view.T_world_camera`.
         scan_id: scan that the view belongs to.
-        part: name in the catalogue, or "".
-        unit_volume: volume of one part, m3, or 0.
+        part: that the scan is asked to be of.
         camera: name of the camera in the rig, or "".
     """
     header = to_header(view.stamp_ns, view.camera)
     return PosedImage(
-        header=header, scan_id=scan_id, part=part, unit_volume=unit_volume,
+        header=header, scan_id=scan_id, **to_part_fields(part),
         world_frame=world_frame, camera=camera, camera_fixed=view.fixed,
         pose=to_pose(view.T_world_camera),
         camera_info=to_camera_info(view.intrinsics, header),
@@ -201,7 +202,7 @@ def to_stack_volume(volume: StackVolume, world_frame: str, request: PosedImage, 
     """
     message = StackVolumeMsg(
         header=to_header(volume.stamp_ns, world_frame), scan_id=request.scan_id, final=final,
-        part=request.part, unit_volume=request.unit_volume, stack_volume=volume.stack_volume,
+        **to_part_fields(from_part_fields(request)), stack_volume=volume.stack_volume,
         stack_volume_std=volume.stack_volume_std, container=to_container(volume.container),
         coverage=volume.coverage, overfilled=volume.overfilled,
         missing_cameras=list(volume.missing_cameras), top=to_height_map(volume.top),

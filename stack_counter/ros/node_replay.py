@@ -37,7 +37,7 @@ from stack_counter.ros.player import Player
 from stack_counter.ros.private_domain import PrivateDomain
 from stack_counter.ros.processes import NodeProcesses
 from stack_counter.ros.security import check_security
-from stack_counter.types import Reason, StackCount, ViewTally
+from stack_counter.types import PartRequest, Reason, StackCount, ViewTally
 from stack_counter.views.cycles import cycle_stamp_ns
 from stack_counter.views.rig import Rig, load_rig
 from stack_counter.views.rig_assembler import RigAssembler
@@ -58,7 +58,7 @@ class NodeReplaySettings:
 SETTINGS = NodeReplaySettings()
 
 
-def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate: float,
+def replay_nodes(path: Path, config: Config, part: PartRequest, rate: float,
                  on_view: Callable[[], None], begin: float, time_range: TimeRange = WHOLE_BAG
                  ) -> list[Replayed]:
     """Plays a bag through collector, reconstructor and counter over DDS.
@@ -66,8 +66,7 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
     Args:
         path: rosbag2 folder, or a file of a recording.
         config: settings; topics are fitted to the bag.
-        part: name in the catalogue, or "".
-        unit_volume: volume of one part, m3, or 0 for the part's own.
+        part: what is in the bin.
         rate: 0 to play as fast as the nodes process images, or the speed of the recording's
             clock.
         on_view: called for each image played.
@@ -99,7 +98,7 @@ def replay_nodes(path: Path, config: Config, part: str, unit_volume: float, rate
         player.wait_for_nodes()
         loaded = time.perf_counter()
         # Play the scan.
-        player.start_scan(part, unit_volume)
+        player.start_scan(part)
         player.play(reader, rate, on_view)
         played = time.perf_counter()
         # Wait for its counts.

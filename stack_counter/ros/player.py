@@ -24,9 +24,10 @@ from stack_counter.errors import ScanError
 from stack_counter.parameter_files import NAMESPACE
 from stack_counter.ros.conversions import from_skips
 from stack_counter.ros.heard_counts import HeardCounts
+from stack_counter.ros.part_fields import to_part_fields
 from stack_counter.ros.processes import NodeError, NodeProcesses
 from stack_counter.ros.qos import LATCHED_ALL, RELIABLE
-from stack_counter.types import ViewTally
+from stack_counter.types import PartRequest, ViewTally
 
 
 @dataclass(frozen=True)
@@ -167,17 +168,13 @@ class Player(Node):
 
     # --- the scan -----------------------------------------------------------------------------
 
-    def start_scan(self, part: str, unit_volume: float) -> None:
-        """Starts a scan of which the collector receives every topic.
-
-        Args:
-            part: name in the catalogue, or "".
-            unit_volume: volume of one part, m3, or 0.
+    def start_scan(self, part: PartRequest) -> None:
+        """Starts a scan of a part; the collector receives every topic of it.
 
         Raises:
             NodeError: the scan is refused, or the collector does not receive a topic.
         """
-        request = StartScan.Request(part=part, unit_volume=unit_volume)
+        request = StartScan.Request(**to_part_fields(part))
         deadline = time.monotonic() + SETTINGS.start_timeout_s
         while time.monotonic() < deadline:
             answer = self._call(self._start, request)

@@ -24,10 +24,13 @@ from std_srvs.srv import Trigger
 
 from stack_counter.config import load_config
 from stack_counter.parameter_files import NAMESPACE
+from stack_counter.parts.catalogue import configured_part
 from stack_counter.ros.diagnostics import ERROR, OK, to_array
+from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.processes import NODES, SupervisedProcess
 from stack_counter.ros.qos import DIAGNOSTICS, FINAL_TOPICS, LATCHED_ALL, RELIABLE
 from stack_counter.ros.security import check_security
+from stack_counter.types import PartRequest
 
 
 @dataclass(frozen=True)
@@ -60,9 +63,9 @@ class Supervisor(Node):
         super().__init__("supervisor", namespace=NAMESPACE)
         config = load_config(parameters)
         self._regions = [region.name for region in config.reconstructor.regions] or [""]
-        # Part and unit volume of the scans that name none, and of the open scan.
-        self._own_part = config.counter.part, config.counter.unit_volume_m3
-        self._part = "", 0.0
+        # Part of the scans that name none, and of the open scan.
+        self._own_part = configured_part(config.counter)
+        self._part = PartRequest()
         self._counted: set[str] = set()  # regions of the open scan whose final count has come
         self._open_scan = ""  # id of the scan of which a final count has not come
         self._closed_scan = ""  # id of the scan before
@@ -90,7 +93,7 @@ class Supervisor(Node):
             # The collector reports a scan once, perhaps before this node has subscribed; the
             # reconstructor reports it with every view.
             self._open_scan = message.scan_id
-            self._part = message.part, message.unit_volume
+            self._part = from_part_fields(message)
 
     def _on_result(self, message: StackCount) -> None:
         # A counter that starts anew counts old volumes again: those results are no newer ones.
@@ -144,12 +147,13 @@ class Supervisor(Node):
         self._withdraw_losses()
         counting = any(process.name == "counter" and process.running
                        for process in self._processes)
-        part, unit_volume = self._part if any(self._part) else self._own_part
+        part = self._part if self._part.names_a_part else self._own_part
         for region in [name for name in self._regions if name not in self._counted]:
             fields = {"header": self._header_now(), "scan_id": self._open_scan, "region": region,
-                      "final": True, "part": part, "unit_volume": unit_volume, "error": error}
+                      "final": True, "error": error, "part": part.name,
+                      "unit_volume": part.unit_volume}
             if counting:
-                self._volume.publish(StackVolume(**fields))
+                self._volume.publish(StackVolume(**fields, part_size=list(part.outer_size_m)))
             else:
                 for publisher in self._results:
                     publisher.publish(StackCount(status=StackCount.STATUS_ERROR, **fields))

@@ -2,6 +2,7 @@
 """The nouns of the package as frozen dataclasses: SI units, optical camera frames, z-up world."""
 
 from stack_counter.types.part_form import KnownForm, KnownLevel, MeshMeasures
+from stack_counter.types.part_request import PartRequest
 from stack_counter.types.reasons import Reason
 from stack_counter.types.results import OccupancyEstimate, StackCount, StackVolume
 from stack_counter.types.shapes import (
@@ -39,6 +40,7 @@ __all__ = [
     "MeshMeasures",
     "OccupancyEstimate",
     "PARTS",
+    "PartRequest",
     "Reason",
     "StackCount",
     "StackVolume",

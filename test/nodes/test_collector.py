@@ -27,7 +27,8 @@ def test_poses_are_interpolated_and_skips_are_counted(ros):
     publish = Camera(ros)
     greet.publish(ScanStatus(node="reconstructor"))
     answer = ros.call(StartScan, f"{SPACE}/start_scan",
-                      StartScan.Request(scan_id="a", part="nut", unit_volume=2e-6))
+                      StartScan.Request(scan_id="a", part="nut", unit_volume=2e-6,
+                                        part_size=[0.03, 0.02, 0.01]))
     assert answer.accepted and answer.scan_id == "a" and not answer.unmatched_topics
     assert not ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request()).accepted
     publish(0)
@@ -37,6 +38,7 @@ def test_poses_are_interpolated_and_skips_are_counted(ros):
     ros.wait(lambda: states[-1].received == 3 and sum(states[-1].skip_counts) == 1, "one skip")
     assert list(states[-1].skip_reasons) == ["no_tf"]
     assert (images[0].scan_id, images[0].part, images[0].unit_volume) == ("a", "nut", 2e-6)
+    assert list(images[0].part_size) == [0.03, 0.02, 0.01]
     assert abs(images[1].pose.position.x - 0.02) < 1e-9  # halfway between its two samples
     stop_after_what_was_sent(ros, collector, lambda: [publish(i) for i in range(3, 9)], 2 + 6)
     assert not ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request()).accepted

@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from stack_counter.ros.conversions import to_posed_image
+from stack_counter.types import PartRequest
 
 SPACE = "/stack_counter"
 
@@ -46,7 +47,8 @@ class Collector:
 
     def send(self, views, name):
         for view in views:
-            self._images.publish(to_posed_image(view, "base_link", name, "nut", 1e-6))
+            self._images.publish(to_posed_image(view, "base_link", name,
+                                                PartRequest("nut", 1e-6)))
 
     def stop(self, views, name, problems=()):
         """Announces the end of a scan of so many views."""

@@ -3,12 +3,13 @@
 
 from stack_counter.nodes.scan_lines import forgotten_line, opened_line, views_line
 from stack_counter.nodes.scan_queue import QueuedScan, ScanQueue
-from stack_counter.types import ViewTally
+from stack_counter.types import PartRequest, ViewTally
 
 
 def test_an_opened_scan_names_its_part_and_the_cameras_it_lacks():
-    assert opened_line(QueuedScan("a", "nut", 2e-6)) == "scan 'a' opened: part 'nut'"
-    assert opened_line(QueuedScan("a", "", 2e-6)) == "scan 'a' opened: unit volume 2 cm3"
+    assert opened_line(QueuedScan("a", PartRequest("nut", 2e-6))) == "scan 'a' opened: part 'nut'"
+    assert opened_line(QueuedScan("a", PartRequest("", 2e-6))) == \
+        "scan 'a' opened: unit volume 2 cm3"
     assert opened_line(QueuedScan("a", missing=("left", "top"))) == \
         "scan 'a' opened: the counter's part; no view of left, top"
 

@@ -67,7 +67,7 @@ class Bench:
 
     def __init__(self, mode, ready=True):
         rig = Rig(tuple(RigCamera(name, None, None) for name in CAMERAS), 0.01, 0.5)
-        self.source, self.part = Source(), ("nut", 2e-6)
+        self.source, self.part = Source(), PartRequest("nut", 2e-6)
         self.session = make_session(mode, rig, self.source, lambda: self.part)
         self.clock = self.session._clock = Clock()
         self.session.reconstructor_ready = ready
@@ -94,7 +94,7 @@ def test_a_single_scan_opens_sends_four_at_a_time_and_is_announced():
     assert bench.session.start_by_itself() == [] and bench.give(1) == []
     opened = bench.session.start("bin7")
     assert [type(e) for e in opened] == [ScanOpened, ViewsDecided]
-    assert (opened[0].scan.part, opened[0].scan.unit_volume) == bench.part
+    assert opened[0].scan.part == bench.part
     assert sent(bench.give(1, 2, 3, 4, 5, 6)) == [("bin7", t) for t in (1, 2, 3, 4)]
     assert sent(bench.report("bin7", received=2)) == [("bin7", 5), ("bin7", 6)]
     stopped = bench.session.stop()

@@ -9,7 +9,7 @@ from kits.known_parts import COUNTED, gamma_model
 from stack_counter.errors import ConfigError, PartError
 from stack_counter.parts.catalogue import Part, load_parts, remove_part, resolve_part, save_part
 from stack_counter.parts.part_models import PartModels
-from stack_counter.types import KnownLevel, MeshMeasures
+from stack_counter.types import KnownLevel, MeshMeasures, PartRequest
 
 
 def test_a_part_survives_the_file(tmp_path):
@@ -126,26 +126,26 @@ def test_a_counted_scan_with_impossible_numbers_is_refused(tmp_path):
 def test_names_and_volumes_resolve(tmp_path):
     path = tmp_path / "parts.yaml"
     save_part(Part(2e-6, "nut", counted=(COUNTED,)), path)
-    assert resolve_part("nut", 0.0, str(path)).counted == (COUNTED,)
-    assert resolve_part("nut", 2e-6, str(path)).counted == (COUNTED,)
-    assert resolve_part("nut", 3e-6, str(path)) == Part(3e-6, "nut", overridden=True)
-    assert resolve_part("bolt", 3e-6, str(path)) == Part(3e-6, "bolt")
-    assert resolve_part("", 3e-6) == Part(3e-6)
+    assert resolve_part(PartRequest("nut", 0.0), str(path)).counted == (COUNTED,)
+    assert resolve_part(PartRequest("nut", 2e-6), str(path)).counted == (COUNTED,)
+    assert resolve_part(PartRequest("nut", 3e-6), str(path)) == Part(3e-6, "nut", overridden=True)
+    assert resolve_part(PartRequest("bolt", 3e-6), str(path)) == Part(3e-6, "bolt")
+    assert resolve_part(PartRequest("", 3e-6)) == Part(3e-6)
     with pytest.raises(PartError, match=r"unknown part 'bolt'; expected one of \['nut'\]"):
-        resolve_part("bolt", 0.0, str(path))
+        resolve_part(PartRequest("bolt", 0.0), str(path))
     with pytest.raises(PartError, match="expected one of them"):
-        resolve_part("", 0.0)
+        resolve_part(PartRequest("", 0.0))
     with pytest.raises(PartError, match="above 0"):
-        resolve_part("", -1.0)
+        resolve_part(PartRequest("", -1.0))
     with pytest.raises(ConfigError, match="no part catalogue"):
-        resolve_part("nut", 0.0, str(tmp_path / "none.yaml"))
+        resolve_part(PartRequest("nut", 0.0), str(tmp_path / "none.yaml"))
 
 
 def test_a_prior_that_is_gone_is_told(tmp_path):
     path = tmp_path / "parts.yaml"
     save_part(Part(2e-6, "nut", gamma_prior=tmp_path / "nut.json"), path)
     with pytest.raises(PartError, match="no gamma prior"):
-        resolve_part("nut", 0.0, str(path))
+        resolve_part(PartRequest("nut", 0.0), str(path))
 
 
 def test_the_shipped_catalogue_can_be_read():
@@ -161,3 +161,17 @@ def test_outer_dimensions_and_measures_of_the_mesh_come_back(tmp_path):
     save_part(part, path)
     assert load_parts(path)["bracket"] == part
     assert part.form.level == KnownLevel.MESH and Part(1e-6).form.level == KnownLevel.VOLUME
+
+
+def test_outer_dimensions_that_are_given_override_those_of_the_catalogue(tmp_path):
+    path = tmp_path / "parts.yaml"
+    save_part(Part(1e-6, "nut", outer_size_m=(0.03, 0.02, 0.01), counted=(COUNTED,)), path)
+    given = (0.02, 0.01, 0.01)
+    assert resolve_part(PartRequest("nut"), str(path)).outer_size_m == (0.03, 0.02, 0.01)
+    part = resolve_part(PartRequest("nut", outer_size_m=given), str(path))
+    assert part.outer_size_m == given and part.counted == (COUNTED,)
+    assert resolve_part(PartRequest("", 1e-6, given)).outer_size_m == given
+    with pytest.raises(PartError, match=r"size_mm .*a box of 2 cm3; one that holds v, 3 cm3"):
+        resolve_part(PartRequest("", 3e-6, given))
+    with pytest.raises(PartError, match="no part named"):
+        resolve_part(PartRequest(outer_size_m=given))

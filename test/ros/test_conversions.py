@@ -10,15 +10,18 @@ from scipy.spatial.transform import Rotation
 from stack_counter_msgs.msg import PosedImage
 from stack_counter_msgs.msg import StackCount as StackCountMsg
 from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
+from stack_counter_msgs.srv import StartScan
 
 from stack_counter import geometry
 from stack_counter.ros import conversions as convert
+from stack_counter.ros.part_fields import from_part_fields, to_part_fields
 from stack_counter.ros.standard_messages import to_header, to_image, to_time
 from stack_counter.types import (
     Container,
     HeightMap,
     Intrinsics,
     KeyView,
+    PartRequest,
     Reason,
     StackCount,
     StackVolume,
@@ -29,7 +32,8 @@ from stack_counter.types import (
 # Fields that no message carries: only the reconstructor draws the wall and the mesh.
 NOT_SENT = {"Container": {"rings", "wall_shape", "inner_map"}, "StackVolume": {"mesh"}}
 STAMP_NS = 1_700_000_000_123_456_789
-REQUEST = PosedImage(scan_id="scan 1", part="nut", unit_volume=1e-6,
+PART = PartRequest("nut", 1e-6, (0.03, 0.02, 0.01))
+REQUEST = PosedImage(scan_id="scan 1", **to_part_fields(PART),
                      header=to_header(STAMP_NS, "optical"))
 
 
@@ -88,7 +92,13 @@ def through_dds(message):
 
 def received_posed_image(view):
     return convert.from_posed_image(through_dds(
-        convert.to_posed_image(view, "base_link", "scan 1", "nut", 1e-6, "left")))
+        convert.to_posed_image(view, "base_link", "scan 1", PART, "left")))
+
+
+def test_the_part_goes_from_the_view_to_the_volume():
+    volume = convert.to_stack_volume(examples()["StackVolume"], "base_link", REQUEST, final=True)
+    for message in (REQUEST, volume, StartScan.Request(**to_part_fields(PART))):
+        assert from_part_fields(through_dds(message)) == PART
 
 
 def received_volume(volume):
