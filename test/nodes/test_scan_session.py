@@ -18,7 +18,7 @@ from stack_counter.nodes.scan_events import (
 )
 from stack_counter.nodes.scan_modes import make_session
 from stack_counter.nodes.scan_session import SETTINGS
-from stack_counter.types import Intrinsics, View, ViewTally
+from stack_counter.types import Intrinsics, PartRequest, View, ViewTally
 from stack_counter.views.rig import Rig, RigCamera
 
 CAMERAS = ("left", "right")
