@@ -38,6 +38,7 @@ from stack_counter.types import PartRequest
 
 if TYPE_CHECKING:
     from stack_counter.parts.calibration import Calibration
+    from stack_counter.teaching.add_part import PileKnowledge
     from stack_counter.teaching.tuning import Tuning
 
 _UNITS = ("mm", "m", "in")  # keys of teaching.solid_mesh.UNITS, without its imports
@@ -78,7 +79,8 @@ def _add_add(more: argparse._SubParsersAction) -> None:
                      help="of the material, g/cm3")
     add.add_argument("--friction", type=_friction, nargs=2, metavar=("LOW", "HIGH"),
                      help="of parts on each other, if known (default 0.05 0.6)")
-    add.add_argument("--piles", type=int, default=64, metavar="N", help="(default 64)")
+    add.add_argument("--piles", type=int, default=64, metavar="N",
+                     help="piles to simulate (default 64); 0: none, only v and the mesh's form")
     add.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="W",
                      help="processes (default: one a core)")
     add.add_argument("--tune", action="store_true",
@@ -138,32 +140,41 @@ def _load_settings(options: argparse.Namespace) -> tuple[Config, Path]:
 
 
 def _add(options: argparse.Namespace) -> int:
-    from stack_counter.teaching.add_part import PartRequest, add_part
+    from stack_counter.teaching.add_part import NewPart, add_part
     from stack_counter.teaching.part_mesh import load_part_mesh
 
     config, path = _load_settings(options)
-    if options.piles < _LEAST_PILES:
-        raise PartError(f"--piles is {options.piles}; expected {_LEAST_PILES} or more")
+    if options.piles and options.piles < _LEAST_PILES:
+        raise PartError(f"--piles is {options.piles}; expected {_LEAST_PILES} or more, or 0")
+    if options.tune and not options.piles:
+        raise PartError("--tune with --piles 0; expected piles, to tune the network to")
     mesh = load_part_mesh(options.mesh, options.unit)
     print(f"{options.mesh.name}: {' x '.join(f'{1000 * s:.1f}' for s in mesh.size_m)} mm, v "
           f"{mesh.unit_volume * 1e6:.6g} cm3")
     for note in mesh.notes:
         print(f"note: {note}")
-    request = PartRequest(
+    request = NewPart(
         options.name, options.mesh, options.unit,
         density=options.density * 1e3 if options.density else None,
         friction=tuple(options.friction) if options.friction else None,
         piles=options.piles, workers=options.workers, tune=options.tune, force=options.force)
     with progress_bar("piles", "piles", options.piles) as on_pile:
         added = add_part(request, mesh, config, path, on_pile)
-    if added.rough_form is not None:
-        print(f"note: simulated with convex pieces {added.rough_form.fullness:.2f} times as full "
-              f"as the part, which stand out of it by {added.rough_form.protrusion:.0%} of its "
-              "size: count a bin of it (part calibrate) before you rely on its gamma")
-    if added.tuning is not None:
-        print(_tuning_line(added.tuning))
-    print(f"{added.models.made}\n{_gamma_lines(added.models.arc)}\nstored in {path}")
+    if added.learnt is not None:
+        _print_learnt(added.learnt)
+    print(f"stored in {path}")
     return 0
+
+
+def _print_learnt(learnt: PileKnowledge) -> None:
+    """Prints what a part's piles have taught."""
+    if (form := learnt.rough_form) is not None:
+        print(f"note: simulated with convex pieces {form.fullness:.2f} times as full as the part, "
+              f"which stand out of it by {form.protrusion:.0%} of its size: count a bin of it "
+              "(part calibrate) before you rely on its gamma")
+    if learnt.tuning is not None:
+        print(_tuning_line(learnt.tuning))
+    print(f"{learnt.models.made}\n{_gamma_lines(learnt.models.arc)}")
 
 
 def _tuning_line(tuning: Tuning) -> str:

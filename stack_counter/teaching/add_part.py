@@ -31,7 +31,7 @@ from stack_counter.teaching.tuning import Tuning, tune
 
 
 @dataclass(frozen=True)
-class PartRequest:
+class NewPart:
     """What a part is to be added by.
 
     Attributes:
@@ -40,7 +40,7 @@ class PartRequest:
         unit: of the file's numbers.
         density: of the material, kg/m3; None: as it is known already.
         friction: least and most, of parts on each other; None: as it is known already.
-        piles: number of piles to simulate.
+        piles: number of piles to simulate; 0: v and the form of the mesh must do.
         workers: number of processes.
         tune: whether the network's last layers are adapted to the piles, where that is better.
         force: whether a part of another v is replaced, and its counted bins forgotten.
@@ -58,25 +58,33 @@ class PartRequest:
 
 
 @dataclass(frozen=True, eq=False)
-class AddedPart:
-    """A part as it was added.
+class PileKnowledge:
+    """What a part's piles have taught.
 
     Attributes:
-        part: its entry in the catalogue.
-        models: what its piles say of gamma.
+        models: of gamma.
         tuning: of the network, where it was tried.
+        tuned: file of the last layers; None where they are not tuned.
         rough_form: form of the convex pieces that it collided with, where they miss its own.
     """
 
-    part: Part
     models: PartModels
     tuning: Tuning | None
+    tuned: Path | None
     rough_form: PieceForm | None
 
 
-def add_part(request: PartRequest, mesh: PartMesh, config: Config, catalogue: Path,
+@dataclass(frozen=True, eq=False)
+class AddedPart:
+    """A part as it was added: its entry, and what its piles taught; None where none were made."""
+
+    part: Part
+    learnt: PileKnowledge | None
+
+
+def add_part(request: NewPart, mesh: PartMesh, config: Config, catalogue: Path,
              on_pile: Callable[[], None]) -> AddedPart:
-    """Simulates piles of a part, fits its models and writes it into a catalogue.
+    """Measures a part's mesh, simulates piles of it, and writes it into a catalogue.
 
     Args:
         request: what is wanted.
@@ -95,33 +103,41 @@ def add_part(request: PartRequest, mesh: PartMesh, config: Config, catalogue: Pa
     history_at_volume(old, mesh.unit_volume, request.force)
     low, high = sorted(request.friction or (old.friction if old and old.friction else FRICTION))
     order = make_pile_request(mesh.vertices, mesh.faces, config, (low, high), request.tune)
-    piles = simulate_part_piles(order, request.piles, request.workers, on_pile)
-    models = fit_part_models(order, piles)
-    # Tune the network, and keep that if it is better on piles left out.
     folder = catalogue.parent / "parts"
     folder.mkdir(parents=True, exist_ok=True)
+    learnt = _learn_from_piles(request, order, folder, on_pile) if request.piles else None
+    # Store the models, the mesh and the entry; bins may have been counted meanwhile.
+    prior = folder / f"{request.name}.json"
+    if learnt is not None:
+        learnt.models.write(prior)
+    stored = _store_mesh(request, folder)
+    old = find_part(request.name, catalogue)
+    density = request.density if request.density is not None else old.density if old else 0.0
+    form = form_of_mesh(mesh.vertices, mesh.faces)
+    part = Part(mesh.unit_volume, request.name, 0.0, stored, density, (low, high),
+                prior if learnt else None, learnt.tuned if learnt else None,
+                f"{date.today()} from {request.mesh_path.name}, unit {request.unit}",
+                history_at_volume(old, mesh.unit_volume, request.force),
+                outer_size_m=form.outer_size_m, mesh_measures=form.mesh)
+    save_part(part, catalogue)
+    return AddedPart(part, learnt)
+
+
+def _learn_from_piles(request: NewPart, order: PileRequest, folder: Path,
+                      on_pile: Callable[[], None]) -> PileKnowledge:
+    """Simulates piles, fits models, and tunes the network if that is better on piles left out."""
+    piles = simulate_part_piles(order, request.piles, request.workers, on_pile)
+    models = fit_part_models(order, piles)
     tuning, tuned = tune(piles) if request.tune else None, None
     if tuning is not None and tuning.better:
         tuned = folder / f"{request.name}.safetensors"
         save_tuning(tuned, tuning.weight, tuning.bias, models.estimator)
         name = tuned_name(models.estimator, tuning.weight, tuning.bias)
         models = fit_part_models(order, tuning.piles, name)
-    # Store the models, the mesh and the entry; bins may have been counted meanwhile.
-    prior = folder / f"{request.name}.json"
-    models.write(prior)
-    stored = _store_mesh(request, folder)
-    old = find_part(request.name, catalogue)
-    density = request.density if request.density is not None else old.density if old else 0.0
-    form = form_of_mesh(mesh.vertices, mesh.faces)
-    part = Part(mesh.unit_volume, request.name, 0.0, stored, density, (low, high), prior, tuned,
-                f"{date.today()} from {request.mesh_path.name}, unit {request.unit}",
-                history_at_volume(old, mesh.unit_volume, request.force),
-                outer_size_m=form.outer_size_m, mesh_measures=form.mesh)
-    save_part(part, catalogue)
-    return AddedPart(part, models, tuning, rough_form(order.shape))
+    return PileKnowledge(models, tuning, tuned, rough_form(order.shape))
 
 
-def _store_mesh(request: PartRequest, folder: Path) -> Path:
+def _store_mesh(request: NewPart, folder: Path) -> Path:
     stored = folder / f"{request.name}{request.mesh_path.suffix.lower()}"
     if stored.resolve() != request.mesh_path.resolve():
         shutil.copyfile(request.mesh_path, stored)

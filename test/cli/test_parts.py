@@ -144,6 +144,21 @@ def test_a_part_from_its_mesh(tmp_path, capsys, monkeypatch):
     assert code == 2 and "no gamma prior" in error
 
 
+def test_a_mesh_is_measured_at_once_without_piles(tmp_path, capsys):
+    BLOCK.export(tmp_path / "block.stl")
+    arguments = ["add", "block", "--mesh", tmp_path / "block.stl", "--catalogue",
+                 tmp_path / "parts.yaml", "--piles", "0"]
+    code, text, _ = part(capsys, *arguments)
+    assert code == 0 and "v 12 cm3" in text
+    block = load_parts(tmp_path / "parts.yaml")["block"]
+    assert sorted(block.outer_size_m) == pytest.approx(sorted(BLOCK.extents / 1e3))
+    assert block.mesh_measures.solidity == pytest.approx(1) and block.models is None
+    code, text, _ = part(capsys, "list", "--catalogue", tmp_path / "parts.yaml")
+    assert " mm; form of its mesh; counted bins: 0" in text
+    code, _, error = part(capsys, *arguments, "--tune")
+    assert code == 2 and "--tune with --piles 0" in error
+
+
 def test_a_wrong_part_in_the_bin_is_told(tmp_path, capsys, catalogue):
     """The piles say 0.6, the network something else by far, and the answer says so."""
     from stack_counter.config import CounterConfig
