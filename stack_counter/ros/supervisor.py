@@ -24,7 +24,6 @@ from std_srvs.srv import Trigger
 
 from stack_counter.config import load_config
 from stack_counter.parameter_files import NAMESPACE
-from stack_counter.parts.catalogue import configured_part
 from stack_counter.ros.diagnostics import ERROR, OK, to_array
 from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.processes import NODES, SupervisedProcess
@@ -64,7 +63,8 @@ class Supervisor(Node):
         config = load_config(parameters)
         self._regions = [region.name for region in config.reconstructor.regions] or [""]
         # Part of the scans that name none, and of the open scan.
-        self._own_part = configured_part(config.counter)
+        own = config.counter
+        self._own_part = PartRequest(own.part, own.unit_volume_m3, own.part_size_m)
         self._part = PartRequest()
         self._counted: set[str] = set()  # regions of the open scan whose final count has come
         self._open_scan = ""  # id of the scan of which a final count has not come
