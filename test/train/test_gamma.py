@@ -140,7 +140,7 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
     fold = {"nut": 0, "tube": 1}
     seen = []
 
-    def predict(members, maps):
+    def predict(members, maps, known):
         seen.append(members[0])
         return GammaPrediction(0.0, 0.2, np.zeros(3))
     monkeypatch.setattr(calibrate, "predict_gamma", predict)
@@ -156,7 +156,8 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
     assert all(a.relative_std > 9 * b.relative_std for a, b in zip(doubted, of))
 
 
-def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("knows_form", [False, True])
+def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys, knows_form):
     monkeypatch.setattr(checkpoint, "NetConfig", lambda *a: NetConfig(*a) if a else SMALL)
     run, scans = tmp_path / "run", tmp_path / "scans"
     run.mkdir()
@@ -165,7 +166,8 @@ def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys):
     (run / "families.json").write_text(json.dumps(families))
     config = member.TrainConfig(epochs=1, batch=8)
     for k in range(5):
-        member.train_member(GammaNet(SMALL), data(16), data(8), config, run / f"member_{k}.pt")
+        net = GammaNet(replace(SMALL, knows_form=knows_form))
+        member.train_member(net, data(16), data(8), config, run / f"member_{k}.pt")
     samples = [sample(i, families[i % 2]) for i in range(20)]
     write_samples(scans / "a.npz", samples, more=np.tile([1e-3, 1e-3, 1e-5, 1], (20, 1)))
     out = tmp_path / "gamma.safetensors"
@@ -176,4 +178,5 @@ def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys):
     assert "gamma_mae" in capsys.readouterr().out
     network = NetworkEstimator(out, Prior(Baselines()))
     assert network.name == "network t1"
+    assert network._scores.shape == (3 if knows_form else 1, 20)
     assert network._domain.distance(samples[0].maps) < 1.5
