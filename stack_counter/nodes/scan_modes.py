@@ -11,20 +11,20 @@ from stack_counter.errors import ScanError, ViewError
 from stack_counter.nodes.scan_events import Problem, ScanEvent, ScanOpened, ViewDropped
 from stack_counter.nodes.scan_queue import QueuedScan
 from stack_counter.nodes.scan_session import ScanSession, ViewSource
-from stack_counter.types import View
+from stack_counter.types import PartRequest, View
 from stack_counter.views.cycles import Cycle, CycleGrouper, cycle_scan_id
 from stack_counter.views.rig import Rig
 
 
 def make_session(mode: str, rig: Rig, source: ViewSource,
-                 requested_part: Callable[[], tuple[str, float]]) -> ScanSession:
+                 requested_part: Callable[[], PartRequest]) -> ScanSession:
     """Makes an idle session.
 
     Args:
         mode: `scan`, `continuous` or `cycle`.
         rig: the cameras, and how far apart the images of one cycle may be.
         source: assembles their views.
-        requested_part: gives name and unit volume, m3, of the part that a new scan is of.
+        requested_part: gives the part that a new scan is of.
     """
     if mode == "cycle":
         cycles = CycleGrouper([camera.name for camera in rig.cameras], rig.tolerance_s,
@@ -93,13 +93,13 @@ class CycleScans(ScanSession):
 
     needs_no_request = True
 
-    def __init__(self, source: ViewSource, requested_part: Callable[[], tuple[str, float]],
+    def __init__(self, source: ViewSource, requested_part: Callable[[], PartRequest],
                  cycles: CycleGrouper, clock: Callable[[], float] = time.monotonic):
         """Makes an idle session.
 
         Args:
             source: assembles views.
-            requested_part: gives name and unit volume, m3, of the part of a new scan.
+            requested_part: gives the part of a new scan.
             cycles: groups the views of the rig's cameras.
             clock: monotonic time, seconds.
         """

@@ -24,7 +24,7 @@ from stack_counter.nodes.scan_events import (
     ViewsDecided,
 )
 from stack_counter.nodes.scan_queue import QueuedScan, ScanQueue
-from stack_counter.types import Reason, View, ViewTally
+from stack_counter.types import PartRequest, Reason, View, ViewTally
 
 
 @dataclass(frozen=True)
@@ -81,20 +81,20 @@ class ScanSession(ABC):
         reconstructor_ready: the reconstructor is known to receive posed images.
         scan: the scan that is open or was closed last.
         last_closed: the scan that was closed last.
-        requested_part: gives name and unit volume, m3, of the part that a new scan is of.
+        requested_part: gives the part that a new scan is of.
         late: views that came too late for their cycle, by reason.
         queue: scans whose views wait or are on their way.
     """
 
     needs_no_request = False
 
-    def __init__(self, source: ViewSource, requested_part: Callable[[], tuple[str, float]],
+    def __init__(self, source: ViewSource, requested_part: Callable[[], PartRequest],
                  clock: Callable[[], float] = time.monotonic):
         """Makes an idle session.
 
         Args:
             source: assembles views.
-            requested_part: name and unit volume, m3, of the part that a new scan is of.
+            requested_part: the part that a new scan is of.
             clock: monotonic time, seconds.
         """
         self._source, self._clock = source, clock
