@@ -13,7 +13,7 @@ import numpy as np
 
 from stack_counter.eval.common import metrics
 from stack_counter.eval.common.case import Case, Guess
-from stack_counter.eval.common.cases import ROWS, group_cases, report_cases
+from stack_counter.eval.common.cases import group_cases, report_cases
 
 _WORST_FAMILIES = 12
 
@@ -35,7 +35,7 @@ def format_table(cases: list[Case]) -> str:
     by_volume = true * (1 + np.array([c.volume_error for c in done]))
     lines.append(_format_errors("true gamma", true, by_volume))
     # Every estimator, and ours by group
-    lines += [_format_line(row, done, row) for row in ROWS]
+    lines += [_format_line(row, done, row) for row in done[0].guesses] if done else []
     lines += [_format_line(f"ours, {name}", group, "ours")
               for name, group in group_cases(done).items()]
     # Mean relative error of the families

@@ -12,7 +12,7 @@ import numpy as np
 
 from stack_counter.eval.common import metrics
 from stack_counter.eval.common.case import Case
-from stack_counter.eval.common.cases import ROWS, group_cases, report_cases
+from stack_counter.eval.common.cases import group_cases, report_cases
 
 
 def run(options: argparse.Namespace) -> int:
@@ -25,7 +25,7 @@ def format_table(cases: list[Case]) -> str:
     done = [c for c in cases if c.guesses]
     lines = [f"{len(cases) - len(done)} refused",
              f"{'':20}{'n':>5}{'MAE':>8}{'RMSE':>8}{'sMAPE':>8}{'R2':>8}{'bias':>8}"]
-    lines += [_format_line(row, done, row) for row in ROWS]
+    lines += [_format_line(row, done, row) for row in done[0].guesses] if done else []
     lines += [_format_line(f"ours, {name}", group, "ours")
               for name, group in group_cases(done).items()]
     return "\n".join(lines)

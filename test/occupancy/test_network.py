@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
+from kits.gamma_weights import KNOWING, SMALL_NET, write_gamma_weights
 from kits.surfaces import sine_hills, stack_volume_of_heights
 
 from stack_counter.config import CounterConfig
@@ -24,23 +24,15 @@ from stack_counter.types import Container, KnownForm, MeshMeasures
 V = 0.012**3
 
 
-SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)
-
-
 @pytest.fixture
 def weights(tmp_path):
     """An untrained ensemble that knows surfaces like `hills`."""
-    return write_weights(tmp_path / "w.safetensors", SMALL)
+    return write_weights(tmp_path)
 
 
-def write_weights(path, config, **calibration):
-    torch.manual_seed(1)
+def write_weights(folder, **more):
     middle = surface_features(stack_maps(stack_volume_of_heights(sine_hills(1.0)), V))
-    save_members(path, [GammaNet(config) for _ in range(2)], {"version": "test"}, {
-        "scores": np.linspace(-2, 2, 41), "scores_one_side": np.linspace(-3, 3, 21),
-        "centers": np.array([0.1, 0.0]), "middle": middle,
-        "whiten": np.eye(6) / 0.2, "reach": np.array([3.0]), **calibration})
-    return path
+    return write_gamma_weights(folder / "w.safetensors", middle=middle, **more)
 
 
 def network(path):
@@ -193,9 +185,7 @@ def test_a_part_with_tuned_layers_is_counted_by_them(weights, tmp_path):
 
 
 def test_what_is_known_of_the_form_changes_the_estimate_and_its_name(tmp_path):
-    scores = np.array([np.linspace(-1, 1, 9), np.linspace(-2, 2, 9), np.linspace(-3, 3, 9)])
-    path = write_weights(tmp_path / "w.safetensors", replace(SMALL, knows_form=True),
-                         scores=scores, centers=np.zeros((3, 2)))
+    path = write_weights(tmp_path, config=replace(SMALL_NET, knows_form=True), **KNOWING)
     net, volume = network(path), stack_volume_of_heights(sine_hills(1.0))
     size = KnownForm((0.03, 0.02, 0.01))
     mesh = replace(size, mesh=MeshMeasures(0.5, 1e-3, 1, (0.01, 0.008, 0.004)))

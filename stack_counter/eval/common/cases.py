@@ -20,10 +20,11 @@ from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.plot import plot_complexity
 from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
+from stack_counter.occupancy.known_form import form_of_mesh
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
 from stack_counter.progress import progress
-from stack_counter.sim import Scene, ideal_surface, reconstruct
-from stack_counter.types import Container, HeightMap, StackVolume, ViewTally
+from stack_counter.sim import Scene, Shape, ideal_surface, reconstruct
+from stack_counter.types import Container, HeightMap, KnownForm, StackVolume, ViewTally
 
 # Rows of the tables, and the estimators that they stand for.
 ROWS = {"Mean": "prior", "DepthExtrapolated": "depth_extrapolated",
@@ -72,14 +73,24 @@ def _measure_case(scene: Scene, depth: str, views: int, confidence: float,
     try:
         volume = ideal_volume(scene) if depth == "ideal" else reconstruct(scene, _SEED, views)
         volume_error = volume.stack_volume / truth.stack_volume - 1
-        for row, name in ROWS.items():
-            guesses[row] = _guess_count(_load_estimator(name, weights), volume,
-                                        truth.unit_volume, confidence)
+        for row, estimator in _estimators(scene.shape, weights).items():
+            guesses[row] = _guess_count(estimator, volume, truth.unit_volume, confidence)
     except (ScanError, ViewError) as refused:
         print(f"scene {scene.index}: {refused}")
         guesses = {}
     return Case(scene.index, scene.shape.family, scene.container.kind, truth.count, truth.gamma,
                 truth.fill, scene.shape.complexity, volume_error, guesses)
+
+
+def _estimators(shape: Shape, weights: Path | None) -> dict[str, OccupancyEstimator]:
+    """Estimators by row; ours also as it knows the part, if it reads what is known of its form."""
+    estimators = {row: _load_estimator(name, weights) for row, name in ROWS.items()}
+    form, ours = form_of_mesh(shape.vertices, shape.faces), estimators["ours"]
+    for row, known in (("ours, size known", KnownForm(form.outer_size_m)),
+                       ("ours, mesh known", form)):
+        if (knowing := ours.knowing(known)) is not ours:
+            estimators[row] = knowing
+    return estimators
 
 
 def _guess_count(estimator: OccupancyEstimator, volume: StackVolume, unit_volume: float,

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kits.gamma_weights import KNOWING, SMALL_NET, write_gamma_weights
 
 from stack_counter.cli import main
 from stack_counter.eval import count, gamma
@@ -87,3 +88,12 @@ def test_the_command_prints_and_writes(tmp_path, capsys):
     cases = json.loads(out.read_text())
     assert len(cases) == 3 and set(cases[0]["guesses"]) == set(ROWS)
     assert main(["evaluate", "count", "--set", "nowhere"]) == 2
+
+
+def test_a_network_that_reads_the_form_is_measured_at_each_level(tmp_path, capsys):
+    weights = write_gamma_weights(tmp_path / "w.safetensors",
+                                  replace(SMALL_NET, knows_form=True), **KNOWING)
+    assert main(["evaluate", "gamma", "--set", "unseen", "--scenes", "3", "--depth", "ideal",
+                 "--weights", str(weights)]) == 0
+    printed = capsys.readouterr().out
+    assert "ours, size known" in printed and "ours, mesh known" in printed
