@@ -4,7 +4,8 @@
 gamma is parts' volume over V, and both are integrals over the footprint: features are averaged
 with the height of the stack as weight. The network gives log gamma and the scale of its error
 (Laplace); while it learns it also gives the part's size, convexity and surface, in part lengths,
-which are what gamma depends on.
+which are what gamma depends on. A network that `knows_form` reads what is known of the part's form
+beside v; see `known_form`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from torch import nn
 from torch.nn import functional
 from typing_extensions import override
 
+from stack_counter.occupancy.known_form import KNOWN_VALUES
 from stack_counter.occupancy.maps import CHANNELS
 
 SHAPE_OUTPUTS = 3  # log part size, convexity and surface: learnt beside gamma
@@ -34,6 +36,7 @@ class NetConfig:
         hidden: width of the head's hidden layer.
         by_height: whether features are averaged by height; else every place counts alike.
         scales: how many scales, each half as fine, the tile is read at.
+        knows_form: whether it reads what is known of the part's form.
     """
 
     widths: tuple[int, ...] = (32, 64, 96, 128)
@@ -41,6 +44,7 @@ class NetConfig:
     hidden: int = 128
     by_height: bool = True
     scales: int = 1
+    knows_form: bool = False
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,7 @@ class GammaNetSettings:
         bare_weight: weight of a valid cell without height, beside heights in part lengths.
         height_floor: added to the mean height, part lengths, before its logarithm.
         dropout: share of the head's hidden values left out while it learns.
+        form_width: width of the layers that read what is known of the part's form.
     """
 
     log_gamma_offset: float = -0.7
@@ -64,6 +69,7 @@ class GammaNetSettings:
     bare_weight: float = 0.02
     height_floor: float = 0.05
     dropout: float = 0.2
+    form_width: int = 64
 
 
 SETTINGS = GammaNetSettings()
@@ -112,12 +118,24 @@ class GammaNet(nn.Module):
                        nn.ReLU(), *(ResidualBlock(width) for _ in range(blocks))]
             width_in = width
         self.encoder = nn.Sequential(*layers)
+        form_width = SETTINGS.form_width if config.knows_form else 0
+        if config.knows_form:
+            self.form = nn.Sequential(nn.Linear(KNOWN_VALUES, form_width), nn.ReLU(),
+                                      nn.Linear(form_width, form_width), nn.ReLU())
         self.head = nn.Sequential(
-            nn.Linear(2 * width_in * config.scales + _TILE_STATISTICS, config.hidden), nn.ReLU(),
+            nn.Linear(2 * width_in * config.scales + _TILE_STATISTICS + form_width,
+                      config.hidden), nn.ReLU(),
             nn.Dropout(SETTINGS.dropout), nn.Linear(config.hidden, 2 + SHAPE_OUTPUTS))
 
     @override
-    def forward(self, x: torch.Tensor) -> NetOutput:
+    def forward(self, x: torch.Tensor, known: torch.Tensor | None = None) -> NetOutput:
+        """Estimates tiles.
+
+        Args:
+            x: (b, CHANNELS, h, w) network inputs.
+            known: (b, KNOWN_VALUES) of `known_form.known_values`; None: nothing is known. A
+                network that does not know the form ignores it.
+        """
         # Encode and pool the tile at every scale.
         pooled = [self._pool_features(x if i == 0 else functional.avg_pool2d(x, 2**i))
                   for i in range(self.config.scales)]
@@ -128,13 +146,16 @@ class GammaNet(nn.Module):
             torch.log(height.mean((1, 2, 3)) / valid_share + SETTINGS.height_floor),
             torch.log(valid_share), x[:, 2].mean((1, 2)) / valid_share], 1)  # (b, 3)
         # Regress log gamma, its log scale and the part's shape.
-        out = self.head(torch.cat([*pooled, statistics], 1)).float()
+        form = []
+        if self.config.knows_form:
+            form = [self.form(x.new_zeros(len(x), KNOWN_VALUES) if known is None else known)]
+        out = self.head(torch.cat([*pooled, statistics, *form], 1)).float()
         limit = SETTINGS.log_scale_limit
         return NetOutput(out[:, 0] + SETTINGS.log_gamma_offset,
                          out[:, 1].clamp(-limit, limit) + SETTINGS.log_scale_offset, out[:, 2:])
 
     def loss(self, x: torch.Tensor, y: torch.Tensor, likelihood: bool = True,
-             shape_weight: float = 0.1) -> torch.Tensor:
+             shape_weight: float = 0.1, known: torch.Tensor | None = None) -> torch.Tensor:
         """Negative log likelihood of log gamma (Laplace), and the shape's squared error.
 
         Args:
@@ -142,8 +163,9 @@ class GammaNet(nn.Module):
             y: (b, 1 + SHAPE_OUTPUTS) log gamma and shape.
             likelihood: False: the squared error of log gamma, which knows no scale.
             shape_weight: weight of the shape's error.
+            known: as `forward` takes it.
         """
-        log_gamma, log_scale, shape_logs = self(x)
+        log_gamma, log_scale, shape_logs = self(x, known)
         error = y[:, 0] - log_gamma
         fit = (torch.abs(error) * torch.exp(-log_scale) + log_scale).mean() if likelihood \
             else (error**2).mean()

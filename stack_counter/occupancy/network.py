@@ -191,11 +191,19 @@ class NetworkEstimator(OccupancyEstimator):
         return None
 
 
-def predict_gamma(members: Sequence[nn.Module], maps: StackMaps) -> GammaPrediction:
-    """Predicts gamma: tiles are weighted by what stands in them, members alike."""
+def predict_gamma(members: Sequence[nn.Module], maps: StackMaps,
+                  known: np.ndarray | None = None) -> GammaPrediction:
+    """Predicts gamma: tiles are weighted by what stands in them, members alike.
+
+    Args:
+        members: networks of an ensemble.
+        maps: the stack's surface.
+        known: (KNOWN_VALUES,) of `known_form.known_values`; None: v alone is known.
+    """
     inputs, weights = _network_tiles(maps)
+    form = None if known is None else torch.from_numpy(known).expand(len(inputs), -1)
     with torch.inference_mode():
-        outputs = [net(inputs) for net in members]
+        outputs = [net(inputs, form) for net in members]
     # Average the members.
     log_gamma = np.mean([out[0].numpy() for out in outputs], axis=0)  # (tiles,)
     scale = np.mean([np.exp(out[1].numpy()) for out in outputs], axis=0)

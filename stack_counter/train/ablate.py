@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What each part of the network and of its training brings.
 
-2,000 scenes, 10 epochs, families left out fold by fold, whose truly fused scans are evaluated.
+2,000 scenes, 10 epochs, families left out fold by fold, whose truly fused scans are evaluated, at
+each level of knowledge of the part's form. Every training is one line of `ablation.jsonl`, written
+when it ends.
 
     python -m stack_counter.train.ablate --data data/train-deep:2 ... --scans SCANS --out DIR
 """
@@ -10,7 +12,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
+from concurrent.futures import as_completed
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -27,6 +31,7 @@ from stack_counter.train.member import (
     TrainConfig,
     TrainingData,
     measure_held_out,
+    read_member,
     train_member,
 )
 
@@ -50,12 +55,17 @@ class Variant:
 
 VARIANTS = {
     "as shipped": Variant(),
+    "knows the form": Variant(net={"knows_form": True}),
+    "knows the form, four batches as one": Variant(
+        net={"knows_form": True}, training={"batch": 128, "rate": 4e-3}),
     "squared error, no spread": Variant(training={"likelihood": False}),
     "no form beside gamma": Variant(training={"form_weight": 0.0}),
     "no wall, no floor": Variant(training={"blind": 1.0}),
     "every place counts alike": Variant(net={"by_height": False}),
     "two scales": Variant(net={"scales": 2}),
     "half as wide": Variant(net={"widths": (16, 32, 48, 64)}),
+    "wider by half": Variant(net={"widths": (48, 96, 144, 192)}),
+    "deeper": Variant(net={"blocks": (2, 3, 4, 3)}),
     "surfaces as cast, not degraded": Variant(training={"degrade": False}),
     "no compound parts": Variant(without="compound"),
     "600 scenes": Variant(scenes=600),
@@ -63,25 +73,23 @@ VARIANTS = {
 }
 
 
-def run_variant(job: tuple[argparse.Namespace, str, int]) -> dict[str, Any]:
+def run_variant(options: argparse.Namespace, name: str, number: int, seed: int) -> dict[str, Any]:
     """Trains one variant without the families of one fold and evaluates it on them."""
-    options, name, number = job
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     variant = VARIANTS[name]
     learnt, held_out = _split(options, variant, number)
     # Train.
-    config = replace(TrainConfig(epochs=options.epochs, seed=options.seed), **variant.training)
-    torch.manual_seed(options.seed)
-    path = options.out / f"{name.replace(' ', '_').replace(',', '')}_{number}.pt"
-    net_config = replace(NetConfig(), **variant.net)
-    train_member(GammaNet(net_config), learnt, held_out, config, path)
+    config = replace(TrainConfig(epochs=options.epochs, seed=seed), **variant.training)
+    torch.manual_seed(seed)
+    path = options.out / f"{name.replace(' ', '_').replace(',', '')}_{number}_{seed}.pt"
+    train_member(GammaNet(replace(NetConfig(), **variant.net)), learnt, held_out, config, path,
+                 cores=max((os.cpu_count() or 1) // options.workers, 1))
     # Evaluate the best epoch; a network that never saw walls is shown none.
-    net = GammaNet(net_config)
-    net.load_state_dict(torch.load(path, weights_only=True)["best"])
+    net = read_member(path)[0]
     blind_share = 1.0 if config.blind == 1 else 0.0
-    return {"variant": name, "fold": number, "scenes": len(learnt.samples),
-            **measure_held_out(net.eval(), held_out, blind_share)}
+    return {"variant": name, "fold": number, "seed": seed, "scenes": len(learnt.samples),
+            **measure_held_out(net, held_out, blind_share)}
 
 
 def _split(options: argparse.Namespace, variant: Variant, number: int
@@ -106,22 +114,36 @@ def main() -> int:
     add_arguments(parser)
     parser.add_argument("--variants", nargs="+", default=list(VARIANTS), choices=list(VARIANTS),
                         metavar="NAME")
+    parser.add_argument("--seeds", type=int, default=1, metavar="N",
+                        help="trainings of each variant and fold")
     parser.set_defaults(epochs=10)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     load_data(options)  # casts what is not cast yet, before the processes need it
-    jobs = [(options, name, number) for name in options.variants
-            for number in options.folds or range(FOLDS)]
-    with worker_pool(options.workers) as pool:
-        rows = list(pool.map(run_variant, jobs))
-    (options.out / "ablation.json").write_text(json.dumps(rows, indent=1) + "\n")
-    for name in options.variants:
+    # All variants on one fold before the next, for whatever is done to be comparable.
+    jobs = [(name, number, options.seed + k) for k in range(options.seeds)
+            for number in options.folds or range(FOLDS) for name in options.variants]
+    rows = []
+    with worker_pool(options.workers) as pool, \
+            open(options.out / "ablation.jsonl", "w", encoding="utf-8") as file:
+        for done in as_completed([pool.submit(run_variant, options, *job) for job in jobs]):
+            rows.append(done.result())
+            print(json.dumps(rows[-1]), file=file, flush=True)
+    print_table(rows, options.variants)
+    return 0
+
+
+def print_table(rows: list[dict[str, Any]], names: list[str]) -> None:
+    """Prints a line for each variant: its means over folds and seeds."""
+    for name in names:
         of_variant = [row for row in rows if row["variant"] == name]
         mae, r2, bias, score = (np.mean([row[key] for row in of_variant])
                                 for key in ("mae", "r2", "bias", "score"))
         print(f"{name:32}{of_variant[0]['scenes']:6} scenes  MAE {mae:.3f}  R2 {r2:+.2f}  "
-              f"bias {bias:+.3f}  log error {score:.3f}")
-    return 0
+              f"bias {bias:+.3f}  log error {score:.3f}"
+              + "".join(f"  MAE, {title} {np.mean([row[key] for row in of_variant]):.3f}"
+                        for title, key in (("size known", "mae_size"), ("mesh known", "mae_mesh"))
+                        if key in of_variant[0]))
 
 
 if __name__ == "__main__":

@@ -39,4 +39,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="your own folder of DINOv2 (config.json, safetensors)")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
     parser.add_argument("--workers", type=int, default=2, metavar="W",
-                        help="members trained at a time, each on one core")
+                        help="members trained at a time, each on one core; with an accelerator"
+                        " the other cores prepare their batches")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from pathlib import Path
 
 import cv2
@@ -25,6 +26,7 @@ from stack_counter.train.member import (
     TrainConfig,
     TrainingData,
     measure_held_out,
+    read_checkpoint,
     read_member,
     train_member,
 )
@@ -70,7 +72,7 @@ def train_fold(options: argparse.Namespace, number: int) -> None:
     net = make_net(options.encoder, options.encoder_weights)
     path = options.out / f"member_{number}.pt"
     train_member(net, data.select(learnt), data.select((fold_by_sample == number) & ~foreign),
-                 config, path)
+                 config, path, cores=max((os.cpu_count() or 1) // options.workers, 1))
     # Test on the sources left out.
     for source in options.leave_out_source:
         best, _ = read_member(path, options.encoder_weights)
@@ -114,7 +116,7 @@ def plot_curves(folder: Path) -> None:
 
     figure, axes = pyplot.subplots(1, 2, figsize=(9, 3.2))
     for path in sorted(folder.glob("member_*.pt")):
-        history = torch.load(path, weights_only=True)["history"]
+        history = read_checkpoint(path)["history"]
         axes[0].plot([line["loss"] for line in history], label=path.stem)
         axes[1].plot([line["mae"] for line in history], label=path.stem)
     for axis, title in zip(axes, ("training loss", "gamma MAE, families left out")):

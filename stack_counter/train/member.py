@@ -15,9 +15,16 @@ from torch import nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from stack_counter.occupancy.checkpoint import make_net
-from stack_counter.occupancy.gamma_net import GammaNet
+from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
+from stack_counter.occupancy.known_form import KnownLevel, hide_above
 from stack_counter.progress import progress
-from stack_counter.train.data.batches import SETTINGS, draw_batches, make_input, target_tensor
+from stack_counter.train.data.batches import (
+    SETTINGS,
+    Batch,
+    draw_batches,
+    make_input,
+    target_tensor,
+)
 from stack_counter.train.data.heights import Sample
 
 
@@ -91,7 +98,8 @@ class _Training:
 
     def __init__(self, net: nn.Module, config: TrainConfig, steps: int):
         """`steps`: batches of an epoch."""
-        self.net = net.to(memory_format=torch.channels_last)
+        self.device = training_device()
+        self.net = net.to(self.device, memory_format=torch.channels_last)
         self.average = AveragedModel(self.net, use_buffers=True,
                                      multi_avg_fn=get_ema_multi_avg_fn(config.averaging))
         self.optimizer = torch.optim.AdamW(self.net.parameters(), config.rate,
@@ -104,7 +112,7 @@ class _Training:
 
     def load(self, path: Path) -> None:
         """Goes on from a checkpoint."""
-        state = torch.load(path, weights_only=True)
+        state = read_checkpoint(path)
         for name, part in self._parts().items():
             part.load_state_dict(state[name])
         self.history, self.best = state["history"], state["best"]
@@ -113,24 +121,26 @@ class _Training:
         """Writes a checkpoint in one step."""
         state = {**{name: part.state_dict() for name, part in self._parts().items()},
                  "history": self.history, "best": self.best, "config": asdict(self._config),
-                 "encoder": "own" if isinstance(self.net, GammaNet) else "dinov2"}
+                 "encoder": "own" if isinstance(self.net, GammaNet) else "dinov2",
+                 "net_config": asdict(self.net.config) if isinstance(self.net, GammaNet) else {}}
         unfinished = path.with_suffix(".part")
         torch.save(state, unfinished)
         unfinished.replace(path)
 
-    def step(self, x: torch.Tensor, y: torch.Tensor) -> float:
-        """Learns one batch and returns its loss."""
-        with torch.autocast("cpu", torch.bfloat16):
+    def step(self, batch: Batch) -> torch.Tensor:
+        """Learns one batch and returns its loss, for which nobody has waited yet."""
+        x, known, y = (part.to(self.device, non_blocking=True) for part in batch)
+        with torch.autocast(self.device.type, torch.bfloat16):
             loss = self.net.loss(x.to(memory_format=torch.channels_last), y,
                                  likelihood=self._config.likelihood,
-                                 shape_weight=self._config.form_weight)
+                                 shape_weight=self._config.form_weight, known=known)
         self.optimizer.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.net.parameters(), self._config.gradient_limit)
         self.optimizer.step()
         self.schedule.step()
         self.average.update_parameters(self.net)
-        return float(loss.detach())
+        return loss.detach()
 
     def is_finished(self) -> bool:
         """Whether all epochs are done, or the last ones brought no progress."""
@@ -151,8 +161,11 @@ class _Training:
 
 
 def train_member(net: nn.Module, data: TrainingData, held_out: TrainingData, config: TrainConfig,
-                 path: Path) -> None:
+                 path: Path, cores: int = 1) -> None:
     """Trains one network, from its checkpoint if there is one; the best epoch is kept.
+
+    Where torch finds an accelerator, the network learns there, from batches that other processes
+    prepare.
 
     Args:
         net: untrained.
@@ -160,6 +173,7 @@ def train_member(net: nn.Module, data: TrainingData, held_out: TrainingData, con
         held_out: samples of families left out, on which every epoch is evaluated.
         config: how to learn.
         path: checkpoint.
+        cores: number of processes that prepare batches for an accelerator.
     """
     steps = max(len(data.samples) // config.batch, 1)
     training = _Training(net, config, steps)
@@ -167,15 +181,16 @@ def train_member(net: nn.Module, data: TrainingData, held_out: TrainingData, con
         training.load(path)
     as_is = [fused or not config.degrade for fused in data.fused]
     while not training.is_finished():
-        begin, epoch, total = time.time(), len(training.history), 0.0
+        begin, epoch = time.time(), len(training.history)
         # Learn an epoch's batches.
         net.train()
         batches = draw_batches(data.samples, as_is, data.weights, config.batch, steps,
-                               (config.seed, epoch), config.blind)
-        for x, y in progress(batches, f"{path.stem} epoch {epoch}", "steps", steps):
-            total += training.step(x, y)
+                               (config.seed, epoch), config.blind,
+                               0 if training.device.type == "cpu" else cores)
+        losses = [training.step(batch) for batch in
+                  progress(batches, f"{path.stem} epoch {epoch}", "steps", steps)]
         # Evaluate the averaged weights and store all.
-        line = {"epoch": epoch, "loss": total / steps,
+        line = {"epoch": epoch, "loss": sum(map(float, losses)) / steps,
                 **measure_held_out(training.average.module, held_out),
                 "seconds": time.time() - begin}
         print(path.stem, json.dumps({k: round(v, 4) for k, v in line.items()}), flush=True)
@@ -185,30 +200,59 @@ def train_member(net: nn.Module, data: TrainingData, held_out: TrainingData, con
 
 def measure_held_out(net: nn.Module, held_out: TrainingData, blind_share: float = 0.0
                       ) -> dict[str, float]:
-    """Measures errors on families left out; `score` is the mean error of log gamma."""
+    """Measures errors on families left out; `score` is the mean error of log gamma.
+
+    Of a network that knows the form it is the mean over the levels of knowledge; the other figures
+    are with v alone known, and `mae_size` and `mae_mesh` with more.
+    """
     # The same tiles in every epoch.
     rows = np.random.default_rng(0).permutation(len(held_out.samples))[:TrainConfig.evaluated]
     x = np.stack([make_input(held_out.samples[i], held_out.fused[i], (7, int(i)), blind_share)
                   for i in rows])
+    known = np.stack([held_out.samples[i].known for i in rows])
     log_true = target_tensor([held_out.samples[i] for i in rows])[:, 0]
-    # Predict.
-    net.eval()
-    with torch.no_grad():
-        log_gamma = torch.cat([net(part)[0] for part in torch.from_numpy(x).split(64)])
+    # Predict at each level of knowledge that makes a difference.
+    levels = list(KnownLevel) if isinstance(net, GammaNet) and net.config.knows_form \
+        else [KnownLevel.VOLUME]
+    by_level = [_predict(net, x, hide_above(known, level)) for level in levels]
     # Compare.
-    true, gamma = torch.exp(log_true), torch.exp(log_gamma)
+    log_gamma, true = by_level[0], torch.exp(log_true)
+    gamma = torch.exp(log_gamma)
     fused = torch.tensor([held_out.fused[i] for i in rows])
     mae_fused = float((gamma - true)[fused].abs().mean()) if fused.any() else 0.0
-    return {"score": float((log_gamma - log_true).abs().mean()),
+    return {"score": float(np.mean([float((p - log_true).abs().mean()) for p in by_level])),
             "mae": float((gamma - true).abs().mean()),
             "r2": float(1 - ((gamma - true) ** 2).mean() / true.var(correction=0)),
-            "bias": float((gamma - true).mean()), "mae_fused": mae_fused}
+            "bias": float((gamma - true).mean()), "mae_fused": mae_fused,
+            **{f"mae_{level.name.lower()}": float((torch.exp(p) - true).abs().mean())
+               for level, p in zip(levels[1:], by_level[1:])}}
+
+
+def _predict(net: nn.Module, x: np.ndarray, known: np.ndarray) -> torch.Tensor:
+    """(n,) log gamma of (n, CHANNELS, h, w) inputs and (n, KNOWN_VALUES), on the CPU."""
+    net.eval()
+    device = next(net.parameters()).device
+    parts = zip(torch.from_numpy(x).split(64), torch.from_numpy(known).split(64))
+    with torch.no_grad():
+        return torch.cat([net(a.to(device), b.to(device))[0].cpu() for a, b in parts])
+
+
+def training_device() -> torch.device:
+    """The accelerator that torch finds, or the CPU."""
+    return torch.accelerator.current_accelerator(check_available=True) or torch.device("cpu")
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """Reads what a member's training has written, wherever it was trained, to the CPU."""
+    state: dict[str, Any] = torch.load(path, weights_only=True, map_location="cpu")
+    return state
 
 
 def read_member(path: Path, encoder_folder: Path | None = None
                 ) -> tuple[nn.Module, list[dict[str, Any]]]:
     """Reads the best network of a checkpoint, and its history."""
-    state = torch.load(path, weights_only=True)
-    net = make_net(state["encoder"], encoder_folder)
+    state = read_checkpoint(path)
+    net = GammaNet(NetConfig(**state.get("net_config", {}))) if state["encoder"] == "own" \
+        else make_net(state["encoder"], encoder_folder)
     net.load_state_dict(state["best"])
     return net.eval(), state["history"]

@@ -2,6 +2,7 @@
 """The network: shapes, learning, and what its weights file may not be."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,9 +13,12 @@ from safetensors.torch import save_file
 from stack_counter.errors import WeightsError
 from stack_counter.occupancy.checkpoint import load_members, save_members
 from stack_counter.occupancy.gamma_net import SHAPE_OUTPUTS, GammaNet, NetConfig
+from stack_counter.occupancy.known_form import KNOWN_VALUES
 from stack_counter.occupancy.maps import CHANNELS, TILE
 
 SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)
+
+
 def test_shapes_and_finite_values():
     mean, scale, form = GammaNet(SMALL).eval()(network_inputs(3))
     assert mean.shape == scale.shape == (3,) and form.shape == (3, SHAPE_OUTPUTS)
@@ -37,6 +41,17 @@ def test_padding_does_not_matter_to_the_pooling():
     assert float(mean[0]) == pytest.approx(float(mean[1]), abs=1e-4)
 
 
+def test_what_is_known_of_the_form_matters_to_a_network_that_reads_it():
+    torch.manual_seed(0)
+    net, x = GammaNet(replace(SMALL, knows_form=True)).eval(), network_inputs(2)
+    nothing, something = torch.zeros(2, KNOWN_VALUES), torch.ones(2, KNOWN_VALUES)
+    with torch.no_grad():
+        assert torch.equal(net(x)[0], net(x, nothing)[0])
+        assert not torch.allclose(net(x)[0], net(x, something)[0])
+        plain = GammaNet(SMALL).eval()
+        assert torch.equal(plain(x)[0], plain(x, something)[0])
+
+
 def test_it_learns_four_samples_by_heart():
     torch.manual_seed(0)
     net, x, gamma = GammaNet(SMALL), network_inputs(4), torch.tensor([0.2, 0.4, 0.6, 0.8])
@@ -54,8 +69,9 @@ def test_it_learns_four_samples_by_heart():
     assert float((guess - gamma).abs().max()) < 0.1
 
 
-def test_members_and_calibration_come_back_as_written(tmp_path):
-    nets = [GammaNet(SMALL).eval() for _ in range(2)]
+@pytest.mark.parametrize("knows_form", [False, True])
+def test_members_and_calibration_come_back_as_written(tmp_path, knows_form):
+    nets = [GammaNet(replace(SMALL, knows_form=knows_form)).eval() for _ in range(2)]
     save_members(tmp_path / "w.safetensors", nets, {"version": "x"}, SCORES)
     checkpoint = load_members(tmp_path / "w.safetensors")
     x = network_inputs(2)

@@ -3,6 +3,7 @@
 
 import argparse
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -55,6 +56,15 @@ def test_it_learns_and_keeps_its_best(tmp_path):
     assert member.read_member(path)[1] == lines
     gamma.plot_curves(tmp_path)
     assert (tmp_path / "curves.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_network_that_knows_the_form_is_measured_at_each_level(tmp_path):
+    config, path = member.TrainConfig(epochs=1, batch=8), tmp_path / "member_0.pt"
+    net = GammaNet(replace(SMALL, knows_form=True))
+    member.train_member(net, data(16), data(8), config, path)
+    line = history(path)[0]
+    assert {"mae", "mae_size", "mae_mesh"} <= set(line)
+    assert member.read_member(path)[0].config == net.config
 
 
 def test_after_a_kill_it_goes_on_where_it_was(tmp_path, monkeypatch):

@@ -7,17 +7,22 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import torch
+from torch.utils.data import DataLoader, Dataset
+from typing_extensions import override
 
+from stack_counter.occupancy.known_form import KnownLevel, add_size_errors, hide_above
 from stack_counter.occupancy.maps import TILE, StackMaps, network_channels
 from stack_counter.train.data.degrade import degrade_like_fusion
 from stack_counter.train.data.heights import Sample
 
 FOLDS = 5  # groups of families; a member of the ensemble leaves out one
 _FOLD_SEED = 5
+_KNOWN_SEED = 0xF0
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,9 @@ class AugmentationSettings:
         cut_play: share of the overhang by which the middle moves of stacks larger than a tile.
         padded_play: share of the free space by which it moves of smaller ones.
         batches_ahead: batches prepared while the network learns.
+        known_shares: share of the tiles of which v alone is known, of those of which the outer
+            dimensions are too, and of those with a mesh.
+        size_error: standard deviation of the relative error of outer dimensions.
     """
 
     blind_share: float = 0.08
@@ -40,9 +48,25 @@ class AugmentationSettings:
     cut_play: float = 0.9
     padded_play: float = 0.3
     batches_ahead: int = 6
+    known_shares: tuple[float, float, float] = (0.4, 0.3, 0.3)
+    size_error: float = 0.02
 
 
 SETTINGS = AugmentationSettings()
+
+
+class Batch(NamedTuple):
+    """Tiles to learn from.
+
+    Attributes:
+        x: (b, CHANNELS, TILE, TILE) inputs.
+        known: (b, KNOWN_VALUES) what is known of the parts' form.
+        y: (b, 1 + SHAPE_OUTPUTS) targets of `target_tensor`.
+    """
+
+    x: torch.Tensor
+    known: torch.Tensor
+    y: torch.Tensor
 
 
 def family_group(family: str) -> str:
@@ -128,10 +152,39 @@ def target_tensor(samples: list[Sample]) -> torch.Tensor:
                         dtype=torch.float)
 
 
+def draw_known(sample: Sample, seed: tuple[int, ...]) -> np.ndarray:
+    """(KNOWN_VALUES,) what is known of a sample's form, hidden down to a level drawn at random."""
+    random = np.random.default_rng((*seed, _KNOWN_SEED))
+    level = KnownLevel(random.choice(len(KnownLevel), p=SETTINGS.known_shares))
+    return hide_above(add_size_errors(sample.known, SETTINGS.size_error, random), level)
+
+
+class _Batches(Dataset[Batch]):
+    """The batches of an epoch by their number."""
+
+    def __init__(self, samples: list[Sample], as_is: list[bool], chosen: np.ndarray,
+                 seed: tuple[int, ...], blind_share: float):
+        """`chosen`: (batches, size) rows of the samples."""
+        self._samples, self._as_is, self._chosen = samples, as_is, chosen
+        self._seed, self._blind_share = seed, blind_share
+
+    def __len__(self) -> int:
+        return len(self._chosen)
+
+    @override
+    def __getitem__(self, number: int) -> Batch:
+        samples = [self._samples[i] for i in self._chosen[number]]
+        seeds = [(*self._seed, number, k) for k in range(len(samples))]
+        x = np.stack([make_input(self._samples[i], self._as_is[i], seed, self._blind_share)
+                      for i, seed in zip(self._chosen[number], seeds)])
+        known = np.stack([draw_known(s, seed) for s, seed in zip(samples, seeds)])
+        return Batch(torch.from_numpy(x), torch.from_numpy(known), target_tensor(samples))
+
+
 def draw_batches(samples: list[Sample], as_is: list[bool], weights: np.ndarray, size: int,
-                 count: int, seed: tuple[int, ...], blind_share: float = SETTINGS.blind_share
-                 ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-    """Yields batches of inputs (size, CHANNELS, TILE, TILE) and targets, prepared in a thread.
+                 count: int, seed: tuple[int, ...], blind_share: float = SETTINGS.blind_share,
+                 processes: int = 0) -> Iterator[Batch]:
+    """Yields batches, prepared ahead; the same whoever prepares them.
 
     Args:
         samples: what is drawn from.
@@ -141,20 +194,22 @@ def draw_batches(samples: list[Sample], as_is: list[bool], weights: np.ndarray, 
         count: number of batches.
         seed: of all that is drawn.
         blind_share: probability of a tile without walls and floor.
+        processes: number of processes that prepare them; 0: a thread does.
     """
     random = np.random.default_rng(seed)
     chosen = random.choice(len(samples), (count, size), p=weights / weights.sum())
-
-    def make_batch(number: int) -> tuple[torch.Tensor, torch.Tensor]:
-        rows = chosen[number]
-        x = np.stack([make_input(samples[i], as_is[i], (*seed, number, k), blind_share)
-                      for k, i in enumerate(rows)])
-        return torch.from_numpy(x), target_tensor([samples[i] for i in rows])
-
+    batches = _Batches(samples, as_is, chosen, seed, blind_share)
+    if processes:
+        # Forked processes share the samples' memory; they touch no accelerator.
+        yield from DataLoader(batches, batch_size=None, num_workers=processes,
+                              multiprocessing_context="fork",
+                              prefetch_factor=SETTINGS.batches_ahead)
+        return
     with ThreadPoolExecutor(1) as pool:
         numbers = iter(range(count))
-        waiting = [pool.submit(make_batch, n) for n in islice(numbers, SETTINGS.batches_ahead)]
+        waiting = [pool.submit(batches.__getitem__, n)
+                   for n in islice(numbers, SETTINGS.batches_ahead)]
         while waiting:
             ready = waiting.pop(0).result()
-            waiting += [pool.submit(make_batch, n) for n in islice(numbers, 1)]
+            waiting += [pool.submit(batches.__getitem__, n) for n in islice(numbers, 1)]
             yield ready

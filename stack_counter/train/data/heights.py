@@ -9,12 +9,13 @@ from: `train.data.degrade`.
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from stack_counter.child_processes import worker_pool
+from stack_counter.occupancy.known_form import KNOWN_VALUES, known_values, measure_form
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, make_maps
 from stack_counter.progress import progress
 from stack_counter.reconstruction.integral import fill_unknown_cells
@@ -23,7 +24,7 @@ from stack_counter.sim import Scene, ideal_surface, read_shard
 # Format of the stored samples.
 _STEPS_PER_LENGTH = 500  # a part length
 _LARGEST_HEIGHT = 65  # part lengths that 16 bits hold
-_CACHE_VERSION = "heights 3"
+_CACHE_VERSION = "heights 4"
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,7 @@ class Sample:
         container_kind: as the simulator names it; `none` for a heap.
         count: parts in the scene.
         fill: share of the container that was to be filled.
+        known: (KNOWN_VALUES,) float32 of `known_form.known_values`, the mesh being known.
     """
 
     maps: StackMaps
@@ -76,6 +78,7 @@ class Sample:
     container_kind: str
     count: int
     fill: float
+    known: np.ndarray = field(default_factory=lambda: np.zeros(KNOWN_VALUES, np.float32))
 
 
 def make_sample(scene: Scene) -> Sample:
@@ -95,9 +98,11 @@ def make_sample(scene: Scene) -> Sample:
 
 def label_maps(maps: StackMaps, scene: Scene) -> Sample:
     """Joins maps of a scene, however they were made, with its truth."""
-    return Sample(maps, scene.truth.gamma, shape_logs(scene), scene.truth.unit_volume ** (1 / 3),
-                  f"{scene.seed}:{scene.index}", scene.shape.family, scene.container.kind,
-                  scene.truth.count, scene.truth.fill)
+    shape, unit_volume = scene.shape, scene.truth.unit_volume
+    known = known_values(measure_form(shape.vertices, shape.faces), unit_volume)
+    return Sample(maps, scene.truth.gamma, shape_logs(scene), unit_volume ** (1 / 3),
+                  f"{scene.seed}:{scene.index}", shape.family, scene.container.kind,
+                  scene.truth.count, scene.truth.fill, known)
 
 
 def shape_logs(scene: Scene) -> np.ndarray:
@@ -172,7 +177,8 @@ def write_samples(path: Path, samples: list[Sample], **more: np.ndarray) -> None
     with open(unfinished, "wb") as file:
         np.savez_compressed(file, **arrays, **more, facts=facts, names=[s.name for s in samples],
                             families=[s.family for s in samples],
-                            kinds=[s.container_kind for s in samples])
+                            kinds=[s.container_kind for s in samples],
+                            known=np.array([s.known for s in samples], np.float32))
     unfinished.replace(path)
 
 
@@ -180,7 +186,8 @@ def read_samples(path: Path) -> list[Sample]:
     """Reads the samples that `write_samples` has written."""
     samples = []
     with np.load(path, allow_pickle=False) as file:
-        facts, names, families, kinds = (file[n] for n in ("facts", "names", "families", "kinds"))
+        facts, names, families, kinds, known = (
+            file[n] for n in ("facts", "names", "families", "kinds", "known"))
         for i, (gamma, *logs, part_length, count, fill, walled) in enumerate(facts):
             top, height = (file[f"{i}_{name}"].astype(np.float32) / _STEPS_PER_LENGTH
                            for name in ("top", "height"))
@@ -188,7 +195,7 @@ def read_samples(path: Path) -> list[Sample]:
             maps = make_maps(top, top - height, valid, bool(walled))
             samples.append(Sample(maps, gamma, np.array(logs, np.float32), part_length,
                                   str(names[i]), str(families[i]), str(kinds[i]), int(count),
-                                  fill))
+                                  fill, known[i]))
     return samples
 
 

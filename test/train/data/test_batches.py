@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Folds of families, degraded maps and turned tiles."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from stack_counter.occupancy.known_form import KNOWN_VALUES
 from stack_counter.occupancy.maps import TILE, make_maps, network_channels
 from stack_counter.train.data.batches import (
     FOLDS,
     assign_folds,
     draw_batches,
+    draw_known,
     draw_tile,
     family_group,
     hide_container,
@@ -72,18 +76,35 @@ def test_a_blinded_tile_shows_neither_wall_nor_floor():
 def test_batches_depend_on_the_seed_alone():
     samples = [sample(gamma=g) for g in (0.3, 0.6)]
     weights = np.array([1.0, 3.0])
-    one, two, other = ([(x.numpy(), y.numpy()) for x, y in
-                        draw_batches(samples, [False, True], weights, 4, 3, seed)]
-                       for seed in ((0, 1), (0, 1), (0, 2)))
+    one, two, other, by_processes = (
+        [(batch.x.numpy(), batch.y.numpy()) for batch in
+         draw_batches(samples, [False, True], weights, 4, 3, seed, processes=processes)]
+        for seed, processes in (((0, 1), 0), ((0, 1), 0), ((0, 2), 0), ((0, 1), 2)))
     assert len(one) == 3 and one[0][0].shape == (4, 4, TILE, TILE)
     np.testing.assert_array_equal(one[2][0], two[2][0])
+    for a, b in zip(one, by_processes, strict=True):
+        np.testing.assert_array_equal(a[0], b[0])
     assert not np.array_equal(one[0][0], other[0][0])
     logs = np.concatenate([y[:, 0] for _, y in one])
     assert set(np.round(np.exp(logs), 3)) <= {np.float32(0.3), np.float32(0.6)}
 
 
+def test_what_is_known_is_hidden_at_random():
+    of = replace(sample(), known=np.linspace(1, 2, KNOWN_VALUES).astype(np.float32))
+    drawn = np.array([draw_known(of, (0, i)) for i in range(300)])
+    size_known, mesh_known = (drawn[:, -2:] != 0).T
+    assert 0.45 < size_known.mean() < 0.75 and 0.2 < mesh_known.mean() < 0.4
+    assert size_known[mesh_known].all()
+    assert not drawn[~size_known].any() and not drawn[~mesh_known, 3:-2].any()
+    np.testing.assert_array_equal(drawn[mesh_known, 3:-2], np.tile(of.known[3:-2],
+                                                                   (mesh_known.sum(), 1)))
+    np.testing.assert_allclose(drawn[size_known, :3], np.tile(of.known[:3], (size_known.sum(), 1)),
+                               atol=0.1)
+
+
 def test_samples_come_back_from_their_file(tmp_path):
-    samples = [sample(), sample(20, 30, 0.3, "tube", walled=False)]
+    known = np.arange(KNOWN_VALUES, dtype=np.float32)
+    samples = [replace(sample(), known=known), sample(20, 30, 0.3, "tube", walled=False)]
     write_samples(tmp_path / "s.npz", samples, more=np.arange(2))
     for a, b in zip(samples, read_samples(tmp_path / "s.npz")):
         np.testing.assert_allclose(a.maps.top, b.maps.top, atol=0.002)
@@ -91,3 +112,4 @@ def test_samples_come_back_from_their_file(tmp_path):
         np.testing.assert_allclose(a.maps.wall, b.maps.wall, atol=1e-6)
         assert (a.gamma, a.name, a.family, a.container_kind, a.count) == (
             b.gamma, b.name, b.family, b.container_kind, b.count)
+        np.testing.assert_array_equal(a.known, b.known)
