@@ -163,7 +163,8 @@ def _load_member(config: dict[str, Any], encoder_folder: Path | None,
     if config["encoder"] == "own":
         net = GammaNet(NetConfig(tuple(config["widths"]), tuple(config["blocks"]),
                                  config["hidden"], config.get("by_height", True),
-                                 config.get("scales", 1), config.get("knows_form", False)))
+                                 config.get("scales", 1), config.get("knows_form", False),
+                                 config.get("knows_resolution", False)))
     else:
         net = make_net(config["encoder"], encoder_folder)
     prefix = f"{number}."

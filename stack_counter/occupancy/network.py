@@ -27,6 +27,7 @@ from stack_counter.occupancy.maps import (
     stack_maps,
     stack_maps_of_key_view,
 )
+from stack_counter.occupancy.resolution import measured_resolution
 from stack_counter.occupancy.training_domain import TrainingDomain, assess_doubt
 from stack_counter.types import OccupancyEstimate, Reason, StackVolume
 
@@ -126,7 +127,8 @@ class NetworkEstimator(OccupancyEstimator):
         if not maps.height.any():
             return empty
         # Predict; take out the median error on families left out.
-        prediction = predict_gamma(self._members, maps)
+        prediction = predict_gamma(self._members, maps,
+                                   resolution=measured_resolution(volume, unit_volume))
         center = self._centers[int(volume.one_side)]
         gamma = min(float(np.exp(prediction.log_gamma + center)), SETTINGS.largest_gamma)
         # Widen the spread where the stack is unlike those of training.
@@ -149,7 +151,8 @@ class NetworkEstimator(OccupancyEstimator):
             ScanError: the surface cannot be read at that size of parts.
             WeightsError: the networks are upon DINOv2, which have no such layer.
         """
-        return last_layer_input(self._members, stack_maps(volume, unit_volume))
+        return last_layer_input(self._members, stack_maps(volume, unit_volume),
+                                measured_resolution(volume, unit_volume))
 
     def tuned(self, path: Path) -> NetworkEstimator:
         """Returns the same network with last layers that are adapted to one part.
@@ -191,19 +194,21 @@ class NetworkEstimator(OccupancyEstimator):
         return None
 
 
-def predict_gamma(members: Sequence[nn.Module], maps: StackMaps,
-                  known: np.ndarray | None = None) -> GammaPrediction:
+def predict_gamma(members: Sequence[nn.Module], maps: StackMaps, known: np.ndarray | None = None,
+                  resolution: np.ndarray | None = None) -> GammaPrediction:
     """Predicts gamma: tiles are weighted by what stands in them, members alike.
 
     Args:
         members: networks of an ensemble.
         maps: the stack's surface.
         known: (KNOWN_VALUES,) of `known_form.known_values`; None: v alone is known.
+        resolution: (RESOLUTION_VALUES,) of `resolution.resolution_values`; None: the usual one.
     """
     inputs, weights = _network_tiles(maps)
-    form = None if known is None else torch.from_numpy(known).expand(len(inputs), -1)
+    form, fineness = (None if values is None else torch.from_numpy(values).expand(len(inputs), -1)
+                      for values in (known, resolution))
     with torch.inference_mode():
-        outputs = [net(inputs, form) for net in members]
+        outputs = [net(inputs, form, fineness) for net in members]
     # Average the members.
     log_gamma = np.mean([out[0].numpy() for out in outputs], axis=0)  # (tiles,)
     scale = np.mean([np.exp(out[1].numpy()) for out in outputs], axis=0)
@@ -213,18 +218,25 @@ def predict_gamma(members: Sequence[nn.Module], maps: StackMaps,
                            float(np.sqrt(2) * weights @ scale), weights @ shape_logs)
 
 
-def last_layer_input(members: Sequence[nn.Module], maps: StackMaps) -> np.ndarray:
+def last_layer_input(members: Sequence[nn.Module], maps: StackMaps, resolution: np.ndarray
+                     ) -> np.ndarray:
     """(members, h) float64: what the last layer of each reads, tiles weighted by what stands.
+
+    Args:
+        members: networks of an ensemble.
+        maps: the stack's surface.
+        resolution: (RESOLUTION_VALUES,) of `resolution.resolution_values`.
 
     Raises:
         WeightsError: the networks are upon DINOv2, which have no such layer.
     """
     inputs, weights = _network_tiles(maps)
+    fineness = torch.from_numpy(resolution).expand(len(inputs), -1)
     rows = []
     for net in members:
         if not isinstance(net, GammaNet):
             raise WeightsError("the network is upon DINOv2; expected one of our own to tune")
-        rows.append(weights @ _record_last_input(net, inputs))
+        rows.append(weights @ _record_last_input(net, inputs, fineness))
     return np.array(rows, float)
 
 
@@ -236,13 +248,14 @@ def _network_tiles(maps: StackMaps) -> tuple[torch.Tensor, np.ndarray]:
             weights / weights.sum())
 
 
-def _record_last_input(net: GammaNet, inputs: torch.Tensor) -> np.ndarray:
+def _record_last_input(net: GammaNet, inputs: torch.Tensor, resolution: torch.Tensor
+                       ) -> np.ndarray:
     """(n, h) that the last layer reads of (n, CHANNELS, TILE, TILE) inputs."""
     recorded: list[torch.Tensor] = []
     hook = net.head[-1].register_forward_hook(lambda _, args, __: recorded.append(args[0]))
     try:
         with torch.inference_mode():
-            net(inputs)
+            net(inputs, resolution=resolution)
     finally:
         hook.remove()
     return recorded[0].numpy()

@@ -115,9 +115,9 @@ def two_sources(tmp_path, monkeypatch):
 def test_a_source_left_out_is_seen_by_no_member_and_tests_each(two_sources, monkeypatch, capsys):
     seen, train = [], gamma.train_member
 
-    def watched(net, learnt, held_out, *more):
+    def watched(net, learnt, held_out, *more, cores):
         seen.extend(learnt.families + held_out.families)
-        train(net, learnt, held_out, *more)
+        train(net, learnt, held_out, *more, cores)
     monkeypatch.setattr(gamma, "train_member", watched)
     families = ["KiCad/Chip", "LDraw/Brick", "nut", "tube"]
     gamma.train_fold(two_sources, assign_folds(families)["nut"])
@@ -140,7 +140,7 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
     fold = {"nut": 0, "tube": 1}
     seen = []
 
-    def predict(members, maps):
+    def predict(members, maps, resolution):
         seen.append(members[0])
         return GammaPrediction(0.0, 0.2, np.zeros(3))
     monkeypatch.setattr(calibrate, "predict_gamma", predict)
