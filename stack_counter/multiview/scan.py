@@ -133,7 +133,8 @@ class StereoScan:
         container, mesh, key_view = volume.container, volume.mesh, volume.key_view
         window_m = STEREO_SETTINGS.window_px * pixel_spacing(self.views, self.hull.middle)
         return replace(
-            volume, resolution_m=max(volume.resolution_m, window_m), top=in_world(volume.top), inner=in_world(volume.inner),
+            volume, top=in_world(volume.top), inner=in_world(volume.inner),
+            resolution_m=max(volume.resolution_m, window_m),
             stack_volume_std=float(np.hypot(volume.stack_volume_std,
                                             volume_model().stereo_std * volume.stack_volume)),
             container=replace(container, T_world_container=T @ container.T_world_container),

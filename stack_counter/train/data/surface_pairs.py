@@ -14,6 +14,8 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.occupancy.maps import StackMaps, make_maps, stack_maps
 from stack_counter.sim import RayCaster, Scene
+from stack_counter.train.data.heights import SETTINGS as ARC_SETTINGS
+from stack_counter.train.data.heights import count_views_of_cells
 from stack_counter.types import StackVolume
 
 
@@ -25,6 +27,7 @@ class SurfacePair:
         cast: float32 highest surface as rays from above cast it, part lengths.
         top: float32, the same as reconstructed.
         inner: float32 inner surface as reconstructed, part lengths.
+        seen_share: float32 share of an arc's views that see each place of it as cast.
         valid: bool, where both are known.
         walled: the stack stands in a container.
         resolution_m: what the reconstruction resolves, metres.
@@ -37,6 +40,7 @@ class SurfacePair:
     cast: np.ndarray
     top: np.ndarray
     inner: np.ndarray
+    seen_share: np.ndarray
     valid: np.ndarray
     walled: bool
     resolution_m: float
@@ -56,8 +60,7 @@ class SurfacePair:
                          self.valid, self.walled)
 
 
-def make_pair(scene: Scene, volume: StackVolume, resolution_m: float, name: str, source: str
-              ) -> SurfacePair:
+def make_pair(scene: Scene, volume: StackVolume, name: str, source: str) -> SurfacePair:
     """Casts rays on a scene where a reconstruction of it has its cells.
 
     Raises:
@@ -79,10 +82,13 @@ def make_pair(scene: Scene, volume: StackVolume, resolution_m: float, name: str,
         inner = RayCaster(inside).surface_heights(points[..., :2])
         valid &= np.isfinite(inner)
         z = np.maximum(z, inner)
-    cast = at_surface[..., 2] + z - points[..., 2]
+    cast = ((at_surface[..., 2] + z - points[..., 2]) / part_length).astype(np.float32)
+    seen_by = count_views_of_cells(cast, valid, scene.container.rim_height_m / part_length,
+                                   np.random.default_rng([scene.seed, scene.index]))
     return SurfacePair(
-        (cast / part_length).astype(np.float32), maps.top, maps.top - maps.height, valid,
-        volume.container.kind not in ("none", "hull"), resolution_m, part_length, name,
+        cast, maps.top, maps.top - maps.height,
+        (seen_by / ARC_SETTINGS.views).astype(np.float32), valid,
+        volume.container.kind not in ("none", "hull"), volume.resolution_m, part_length, name,
         scene.shape.family, source)
 
 
