@@ -67,6 +67,17 @@ def test_a_network_that_knows_the_form_is_measured_at_each_level(tmp_path):
     assert member.read_member(path)[0].config == net.config
 
 
+def test_a_network_that_knows_the_resolution_is_measured_on_pictures_too(tmp_path):
+    config, path = member.TrainConfig(epochs=1, batch=8, pictures=0.5), tmp_path / "member_0.pt"
+    seen = data(16)
+    seen = replace(seen, samples=[replace(s, seen_by=np.full((64, 64), 12, np.uint8))
+                                  for s in seen.samples])
+    net = GammaNet(replace(SMALL, knows_resolution=True))
+    member.train_member(net, seen, seen, config, path)
+    assert history(path)[0]["mae_pictures"] > 0
+    assert member.read_member(path)[0].config == net.config
+
+
 def test_after_a_kill_it_goes_on_where_it_was(tmp_path, monkeypatch):
     config, path = member.TrainConfig(epochs=3, batch=8), tmp_path / "member_0.pt"
     evaluate, calls = member.measure_held_out, []

@@ -36,14 +36,14 @@ class StereoSurfaceSettings:
         noise_width: standard deviation of the blur that makes that error smooth.
     """
 
-    least_share: float = 0.287
-    share_growth: float = 0.636
-    share_std: float = 0.151
-    fattening: float = 0.678
-    smoothing: float = 0.222
-    least_smoothing_px: float = 0.118
-    noise: float = 0.193
-    noise_width: float = 1.98
+    least_share: float = 0.274
+    share_growth: float = 0.443
+    share_std: float = 0.0911
+    fattening: float = 0.432
+    smoothing: float = 0.165
+    least_smoothing_px: float = 0.178
+    noise: float = 0.318
+    noise_width: float = 3.07
 
 
 SETTINGS = StereoSurfaceSettings()
