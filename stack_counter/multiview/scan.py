@@ -22,9 +22,11 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
+from stack_counter.fusion.pixel_spacing import pixel_spacing
 from stack_counter.fusion.volume_model import volume_model
 from stack_counter.multiview.closed_container import carve_closed_container
 from stack_counter.multiview.pose_refinement import refine_poses
+from stack_counter.multiview.stereo import SETTINGS as STEREO_SETTINGS
 from stack_counter.multiview.stereo import depth_from_pictures
 from stack_counter.multiview.support_plane import fill_support_depth, find_upright
 from stack_counter.multiview.visual_hull import VisualHull, carve_visual_hull
@@ -120,7 +122,8 @@ class StereoScan:
     def in_world(self, volume: StackVolume) -> StackVolume:
         """Returns a volume of the upright world in the one that the views came in.
 
-        Stereo's own error is added to its standard deviation, and the reason that names it.
+        Stereo's own error is added to its standard deviation, and the reason that names it; the
+        surface resolves its window at best.
         """
         T = self.T_world_upright
 
@@ -128,8 +131,10 @@ class StereoScan:
             return heights and replace(heights, T_world_map=T @ heights.T_world_map)
 
         container, mesh, key_view = volume.container, volume.mesh, volume.key_view
+        window_m = STEREO_SETTINGS.window_px * pixel_spacing(self.views, self.hull.middle)
         return replace(
             volume, top=in_world(volume.top), inner=in_world(volume.inner),
+            resolution_m=max(volume.resolution_m, window_m),
             stack_volume_std=float(np.hypot(volume.stack_volume_std,
                                             volume_model().stereo_std * volume.stack_volume)),
             container=replace(container, T_world_container=T @ container.T_world_container),

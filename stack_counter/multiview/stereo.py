@@ -74,6 +74,11 @@ class StereoSettings:
     agree_angle: float = 1.5
     min_agree: int = 2
 
+    @property
+    def window_px(self) -> int:
+        """Side of the correlation window, pixels."""
+        return 2 * self.radius + 1
+
 
 SETTINGS = StereoSettings()
 

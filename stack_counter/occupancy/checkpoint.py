@@ -62,7 +62,7 @@ def make_net(encoder: str, folder: Path | None) -> nn.Module:
         WeightsError: the folder cannot be loaded, or is missing for `dinov2`.
     """
     if encoder == "own":
-        return GammaNet(NetConfig())
+        return GammaNet(NetConfig(knows_form=True, knows_resolution=True))
     if folder is None:
         raise WeightsError("the encoder is DINOv2 and no folder with its weights is named; "
                            "expected one")
@@ -169,7 +169,8 @@ def _load_member(config: dict[str, Any], encoder_folder: Path | None,
     if config["encoder"] == "own":
         net = GammaNet(NetConfig(tuple(config["widths"]), tuple(config["blocks"]),
                                  config["hidden"], config.get("by_height", True),
-                                 config.get("scales", 1), config.get("knows_form", False)))
+                                 config.get("scales", 1), config.get("knows_form", False),
+                                 config.get("knows_resolution", False)))
     else:
         net = make_net(config["encoder"], encoder_folder)
     prefix = f"{number}."

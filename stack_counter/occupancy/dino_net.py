@@ -64,7 +64,8 @@ class DinoNet(nn.Module):
         return self.decoder(features)[:, 0]
 
     @override
-    def forward(self, x: torch.Tensor, known: torch.Tensor | None = None) -> NetOutput:
+    def forward(self, x: torch.Tensor, known: torch.Tensor | None = None,
+                resolution: torch.Tensor | None = None) -> NetOutput:
         gamma = self.gamma(x).float().clamp_min(_SMALLEST_GAMMA)
         return NetOutput(torch.log(gamma), torch.full_like(gamma, _LOG_SCALE),
                          gamma.new_zeros(len(gamma), SHAPE_OUTPUTS))

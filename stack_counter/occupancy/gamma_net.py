@@ -5,7 +5,8 @@ gamma is parts' volume over V, and both are integrals over the footprint: featur
 with the height of the stack as weight. The network gives log gamma and the scale of its error
 (Laplace); while it learns it also gives the part's size, convexity and surface, in part lengths,
 which are what gamma depends on. A network that `knows_form` reads what is known of the part's form
-beside v; see `known_form`.
+beside v, see `known_form`; one that `knows_resolution` how finely the surface was measured, see
+`resolution`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing_extensions import override
 
 from stack_counter.occupancy.known_form import KNOWN_VALUES
 from stack_counter.occupancy.maps import CHANNELS
+from stack_counter.occupancy.resolution import RESOLUTION_VALUES
 
 SHAPE_OUTPUTS = 3  # log part size, convexity and surface: learnt beside gamma
 _TILE_STATISTICS = 3  # log mean height, log valid share and mean distance to the wall
@@ -37,6 +39,7 @@ class NetConfig:
         by_height: whether features are averaged by height; else every place counts alike.
         scales: how many scales, each half as fine, the tile is read at.
         knows_form: whether it reads what is known of the part's form.
+        knows_resolution: whether it reads how finely the surface was measured.
     """
 
     widths: tuple[int, ...] = (32, 64, 96, 128)
@@ -45,6 +48,7 @@ class NetConfig:
     by_height: bool = True
     scales: int = 1
     knows_form: bool = False
+    knows_resolution: bool = False
 
 
 @dataclass(frozen=True)
@@ -122,23 +126,30 @@ class GammaNet(nn.Module):
         if config.knows_form:
             self.form = nn.Sequential(nn.Linear(KNOWN_VALUES, form_width), nn.ReLU(),
                                       nn.Linear(form_width, form_width), nn.ReLU())
+            # Begins as if nothing were known.
+            self.modulation = nn.Linear(form_width, 4 * width_in * config.scales)
+            nn.init.zeros_(self.modulation.weight)
+            nn.init.zeros_(self.modulation.bias)
+        numbers = _TILE_STATISTICS + form_width + RESOLUTION_VALUES * config.knows_resolution
         self.head = nn.Sequential(
-            nn.Linear(2 * width_in * config.scales + _TILE_STATISTICS + form_width,
-                      config.hidden), nn.ReLU(),
+            nn.Linear(2 * width_in * config.scales + numbers, config.hidden), nn.ReLU(),
             nn.Dropout(SETTINGS.dropout), nn.Linear(config.hidden, 2 + SHAPE_OUTPUTS))
 
     @override
-    def forward(self, x: torch.Tensor, known: torch.Tensor | None = None) -> NetOutput:
+    def forward(self, x: torch.Tensor, known: torch.Tensor | None = None,
+                resolution: torch.Tensor | None = None) -> NetOutput:
         """Estimates tiles.
 
         Args:
             x: (b, CHANNELS, h, w) network inputs.
             known: (b, KNOWN_VALUES) of `known_form.known_values`; None: nothing is known. A
                 network that does not know the form ignores it.
+            resolution: (b, RESOLUTION_VALUES) of `resolution.resolution_values`; None: the usual
+                one of depth cameras. A network that does not know the resolution ignores it.
         """
         # Encode and pool the tile at every scale.
-        pooled = [self._pool_features(x if i == 0 else functional.avg_pool2d(x, 2**i))
-                  for i in range(self.config.scales)]
+        pooled = torch.cat([self._pool_features(x if i == 0 else functional.avg_pool2d(x, 2**i))
+                            for i in range(self.config.scales)], 1)
         # Append statistics of the tile itself.
         height = _heights_from(x)
         valid_share = x[:, 1].mean((1, 2)).clamp_min(1e-4)
@@ -146,16 +157,21 @@ class GammaNet(nn.Module):
             torch.log(height.mean((1, 2, 3)) / valid_share + SETTINGS.height_floor),
             torch.log(valid_share), x[:, 2].mean((1, 2)) / valid_share], 1)  # (b, 3)
         # Regress log gamma, its log scale and the part's shape.
-        form = []
+        more = []
         if self.config.knows_form:
-            form = [self.form(x.new_zeros(len(x), KNOWN_VALUES) if known is None else known)]
-        out = self.head(torch.cat([*pooled, statistics, *form], 1)).float()
+            form = self.form(x.new_zeros(len(x), KNOWN_VALUES) if known is None else known)
+            scale, shift = self.modulation(form).chunk(2, 1)
+            pooled, more = pooled * (1 + scale) + shift, [form]
+        if self.config.knows_resolution:
+            more += [x.new_zeros(len(x), RESOLUTION_VALUES) if resolution is None else resolution]
+        out = self.head(torch.cat([pooled, statistics, *more], 1)).float()
         limit = SETTINGS.log_scale_limit
         return NetOutput(out[:, 0] + SETTINGS.log_gamma_offset,
                          out[:, 1].clamp(-limit, limit) + SETTINGS.log_scale_offset, out[:, 2:])
 
     def loss(self, x: torch.Tensor, y: torch.Tensor, likelihood: bool = True,
-             shape_weight: float = 0.1, known: torch.Tensor | None = None) -> torch.Tensor:
+             shape_weight: float = 0.1, known: torch.Tensor | None = None,
+             resolution: torch.Tensor | None = None) -> torch.Tensor:
         """Negative log likelihood of log gamma (Laplace), and the shape's squared error.
 
         Args:
@@ -163,9 +179,9 @@ class GammaNet(nn.Module):
             y: (b, 1 + SHAPE_OUTPUTS) log gamma and shape.
             likelihood: False: the squared error of log gamma, which knows no scale.
             shape_weight: weight of the shape's error.
-            known: as `forward` takes it.
+            known, resolution: as `forward` takes them.
         """
-        log_gamma, log_scale, shape_logs = self(x, known)
+        log_gamma, log_scale, shape_logs = self(x, known, resolution)
         error = y[:, 0] - log_gamma
         fit = (torch.abs(error) * torch.exp(-log_scale) + log_scale).mean() if likelihood \
             else (error**2).mean()

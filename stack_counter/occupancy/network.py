@@ -33,6 +33,7 @@ from stack_counter.occupancy.maps import (
     stack_maps,
     stack_maps_of_key_view,
 )
+from stack_counter.occupancy.resolution import measured_resolution
 from stack_counter.occupancy.training_domain import TrainingDomain, assess_doubt
 from stack_counter.types import KnownForm, OccupancyEstimate, Reason, StackVolume
 
@@ -136,7 +137,8 @@ class NetworkEstimator(OccupancyEstimator):
         if not maps.height.any():
             return empty
         # Predict; take out the median error on families left out.
-        prediction = predict_gamma(self._members, maps, known_values(self._form, unit_volume))
+        prediction = predict_gamma(self._members, maps, known_values(self._form, unit_volume),
+                                   measured_resolution(volume, unit_volume))
         center = self._centers[level][int(volume.one_side)]  # around, from one side
         gamma = min(float(np.exp(prediction.log_gamma + center)), SETTINGS.largest_gamma)
         # Widen the spread where the stack is unlike those of training.
@@ -159,7 +161,8 @@ class NetworkEstimator(OccupancyEstimator):
             WeightsError: the networks are upon DINOv2, which have no such layer.
         """
         return last_layer_input(self._members, stack_maps(volume, unit_volume),
-                                known_values(self._form, unit_volume))
+                                known_values(self._form, unit_volume),
+                                measured_resolution(volume, unit_volume))
 
     @override
     def knowing(self, form: KnownForm) -> NetworkEstimator:
@@ -212,19 +215,20 @@ class NetworkEstimator(OccupancyEstimator):
         return None
 
 
-def predict_gamma(members: Sequence[nn.Module], maps: StackMaps,
-                  known: np.ndarray | None = None) -> GammaPrediction:
+def predict_gamma(members: Sequence[nn.Module], maps: StackMaps, known: np.ndarray | None = None,
+                  resolution: np.ndarray | None = None) -> GammaPrediction:
     """Predicts gamma: tiles are weighted by what stands in them, members alike.
 
     Args:
         members: networks of an ensemble.
         maps: the stack's surface.
         known: (KNOWN_VALUES,) of `known_form.known_values`; None: v alone is known.
+        resolution: (RESOLUTION_VALUES,) of `resolution.resolution_values`; None: the usual one.
     """
     inputs, weights = _network_tiles(maps)
-    form = _repeat(known, len(inputs))
+    form, fineness = _repeat(known, len(inputs)), _repeat(resolution, len(inputs))
     with torch.inference_mode():
-        outputs = [net(inputs, form) for net in members]
+        outputs = [net(inputs, form, fineness) for net in members]
     # Average the members.
     log_gamma = np.mean([out[0].numpy() for out in outputs], axis=0)  # (tiles,)
     scale = np.mean([np.exp(out[1].numpy()) for out in outputs], axis=0)
@@ -235,24 +239,26 @@ def predict_gamma(members: Sequence[nn.Module], maps: StackMaps,
 
 
 def last_layer_input(members: Sequence[nn.Module], maps: StackMaps,
-                     known: np.ndarray | None = None) -> np.ndarray:
+                     known: np.ndarray | None = None, resolution: np.ndarray | None = None
+                     ) -> np.ndarray:
     """(members, h) float64: what the last layer of each reads, tiles weighted by what stands.
 
     Args:
         members: networks of an ensemble.
         maps: the stack's surface.
         known: (KNOWN_VALUES,) of `known_form.known_values`; None: v alone is known.
+        resolution: (RESOLUTION_VALUES,) of `resolution.resolution_values`; None: the usual one.
 
     Raises:
         WeightsError: the networks are upon DINOv2, which have no such layer.
     """
     inputs, weights = _network_tiles(maps)
-    form = _repeat(known, len(inputs))
+    form, fineness = _repeat(known, len(inputs)), _repeat(resolution, len(inputs))
     rows = []
     for net in members:
         if not isinstance(net, GammaNet):
             raise WeightsError("the network is upon DINOv2; expected one of our own to tune")
-        rows.append(weights @ _record_last_input(net, inputs, form))
+        rows.append(weights @ _record_last_input(net, inputs, form, fineness))
     return np.array(rows, float)
 
 
@@ -264,19 +270,19 @@ def _network_tiles(maps: StackMaps) -> tuple[torch.Tensor, np.ndarray]:
             weights / weights.sum())
 
 
-def _repeat(known: np.ndarray | None, tiles: int) -> torch.Tensor | None:
-    """(tiles, KNOWN_VALUES) of (KNOWN_VALUES,) that is known of the part in all of them."""
-    return None if known is None else torch.from_numpy(known).expand(tiles, -1)
+def _repeat(numbers: np.ndarray | None, tiles: int) -> torch.Tensor | None:
+    """(tiles, n) of (n,) numbers that hold for all of them."""
+    return None if numbers is None else torch.from_numpy(numbers).expand(tiles, -1)
 
 
-def _record_last_input(net: GammaNet, inputs: torch.Tensor, form: torch.Tensor | None
-                       ) -> np.ndarray:
+def _record_last_input(net: GammaNet, inputs: torch.Tensor, form: torch.Tensor | None,
+                       resolution: torch.Tensor | None) -> np.ndarray:
     """(n, h) that the last layer reads of (n, CHANNELS, TILE, TILE) inputs and what is known."""
     recorded: list[torch.Tensor] = []
     hook = net.head[-1].register_forward_hook(lambda _, args, __: recorded.append(args[0]))
     try:
         with torch.inference_mode():
-            net(inputs, form)
+            net(inputs, form, resolution)
     finally:
         hook.remove()
     return recorded[0].numpy()

@@ -17,6 +17,7 @@ from stack_counter.display.mesh_colors import color_mesh
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.fusion.depth_filter import clip_depth
 from stack_counter.fusion.depth_fusion import DepthFusion
+from stack_counter.fusion.pixel_spacing import pixel_spacing
 from stack_counter.fusion.region import Region, find_region, seen_from_one_side
 from stack_counter.reconstruction.alignment import AlignedScan, align_scan
 from stack_counter.reconstruction.geometry_checks import check_geometry
@@ -189,6 +190,7 @@ class DepthReconstruction:
             one_side=one_side,
             mesh=color_mesh(surface.mesh, views),
             view_agreement_m=scan.agreement_m,
+            resolution_m=max(voxel_size, pixel_spacing(views, (region.low + region.high) / 2)),
         )
 
     def key_view(self) -> KeyView | None:

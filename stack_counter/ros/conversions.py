@@ -209,7 +209,7 @@ def to_stack_volume(volume: StackVolume, world_frame: str, request: PosedImage, 
         inner=to_height_map(volume.inner), has_key_view=volume.key_view is not None,
         views=to_tally(volume.views), reasons=to_reasons(volume.reasons),
         seconds=to_seconds(volume.seconds), region=volume.region,
-        view_agreement=volume.view_agreement_m)
+        view_agreement=volume.view_agreement_m, resolution=volume.resolution_m)
     message.fill_level_min, message.fill_level_mean, message.fill_level_max = volume.fill_level
     if volume.key_view is not None:
         message.key_view = to_key_view(volume.key_view, request.header.frame_id)
@@ -232,7 +232,7 @@ def from_stack_volume(message: StackVolumeMsg) -> StackVolume:
         key_view=from_key_view(message.key_view) if message.has_key_view else None,
         views=from_tally(message.views), reasons=reasons, one_side=Reason.ONE_SIDE in reasons,
         seconds=from_seconds(message.seconds), region=message.region,
-        view_agreement_m=message.view_agreement)
+        view_agreement_m=message.view_agreement, resolution_m=message.resolution)
 
 
 # --- the count --------------------------------------------------------------------------------

@@ -58,6 +58,7 @@ VARIANTS = {
     "knows the form": Variant(net={"knows_form": True}),
     "knows the form, four batches as one": Variant(
         net={"knows_form": True}, training={"batch": 128, "rate": 4e-3}),
+    "reads pictures too": Variant(net={"knows_resolution": True}, training={"pictures": 0.4}),
     "squared error, no spread": Variant(training={"likelihood": False}),
     "no form beside gamma": Variant(training={"form_weight": 0.0}),
     "no wall, no floor": Variant(training={"blind": 1.0}),

@@ -26,7 +26,7 @@ from stack_counter.occupancy.known_form import hide_above
 from stack_counter.occupancy.maps import surface_features
 from stack_counter.occupancy.network import predict_gamma
 from stack_counter.occupancy.training_domain import TrainingDomain, assess_doubt
-from stack_counter.train.data.batches import assign_folds
+from stack_counter.train.data.batches import assign_folds, fused_resolution
 from stack_counter.train.data.fused import FusedScan, read_scans
 from stack_counter.train.member import read_member
 from stack_counter.types import KnownLevel
@@ -84,7 +84,8 @@ def count_with_members(members: dict[int, nn.Module], scans: list[FusedScan],
         if net is None or not scan.volume > 0 or not sample.maps.height.any():
             continue
         # Predict as the run time does.
-        prediction = predict_gamma([net], sample.maps, hide_above(sample.known, level))
+        prediction = predict_gamma([net], sample.maps, hide_above(sample.known, level),
+                                   fused_resolution(sample))
         gamma = float(np.exp(prediction.log_gamma))
         doubt = assess_doubt(
             sample.maps, parts=gamma * scan.volume / sample.part_length_m**3,

@@ -19,7 +19,7 @@ from stack_counter.child_processes import worker_pool
 from stack_counter.errors import ConfigError
 from stack_counter.occupancy.checkpoint import make_net
 from stack_counter.sim import source_of
-from stack_counter.train.data.batches import FOLDS, assign_folds
+from stack_counter.train.data.batches import FOLDS, assign_folds, family_group
 from stack_counter.train.data.fused import read_scans
 from stack_counter.train.data.heights import Sample, load_samples
 from stack_counter.train.member import (
@@ -103,8 +103,17 @@ def load_data(options: argparse.Namespace) -> TrainingData:
         raise ConfigError(f"no scenes in {list(map(str, options.data))}; expected shard_*.npz")
     fused = [scan.sample for folder in options.scans for scan in read_scans(folder)
              if scan.found]
+    by_family = np.array(weights) * family_weights([s.family for s in samples])
     return TrainingData(samples + fused, [False] * len(samples) + [True] * len(fused),
-                        np.array(weights + [TrainConfig.fused_weight] * len(fused)))
+                        np.append(by_family, [TrainConfig.fused_weight] * len(fused)))
+
+
+def family_weights(families: list[str]) -> np.ndarray:
+    """(n,) weights of samples, 1 in the mean, by which large groups of families weigh less."""
+    _, group, size = np.unique([family_group(family) for family in families],
+                               return_inverse=True, return_counts=True)
+    weights = size[group] ** -TrainConfig.family_exponent
+    return weights / weights.mean()
 
 
 def plot_curves(folder: Path) -> None:

@@ -21,6 +21,7 @@ from stack_counter.progress import progress
 from stack_counter.train.data.batches import (
     SETTINGS,
     Batch,
+    NetworkInput,
     draw_batches,
     make_input,
     target_tensor,
@@ -43,12 +44,15 @@ class TrainConfig:
         likelihood: Laplace's likelihood, not the squared error, of log gamma.
         form_weight: weight of the error of the part's shape; docs/gamma.md compares it with 0.
         blind: share of tiles without wall and floor.
+        pictures: share of cast surfaces that are degraded as stereo on pictures does.
         degrade: degrade surfaces as fusion does; else they are learnt from as cast.
         averaging: decay of the moving average of the weights, which is what is kept.
         gradient_limit: largest norm of a gradient.
         warmup: share of the cycle in which the rate rises.
         fused_weight: how often a fused scan is drawn, a cast surface being drawn once.
         evaluated: samples of families left out on which an epoch is evaluated.
+        family_exponent: a sample is drawn by the size of its group of families to the power of
+            minus this: 0 draws all samples alike, 1 all groups.
     """
 
     epochs: int = 20
@@ -60,12 +64,14 @@ class TrainConfig:
     likelihood: bool = True
     form_weight: float = 0.02
     blind: float = SETTINGS.blind_share
+    pictures: float = SETTINGS.picture_share
     degrade: bool = True
     averaging: float = 0.995
     gradient_limit: float = 5.0
     warmup: float = 0.2
     fused_weight: float = 3.0
     evaluated: int = 400
+    family_exponent: float = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,11 +136,12 @@ class _Training:
 
     def step(self, batch: Batch) -> torch.Tensor:
         """Learns one batch and returns its loss, for which nobody has waited yet."""
-        x, known, y = (part.to(self.device, non_blocking=True) for part in batch)
+        x, known, resolution, y = (part.to(self.device, non_blocking=True) for part in batch)
         with torch.autocast(self.device.type, torch.bfloat16):
             loss = self.net.loss(x.to(memory_format=torch.channels_last), y,
                                  likelihood=self._config.likelihood,
-                                 shape_weight=self._config.form_weight, known=known)
+                                 shape_weight=self._config.form_weight, known=known,
+                                 resolution=resolution)
         self.optimizer.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.net.parameters(), self._config.gradient_limit)
@@ -186,7 +193,7 @@ def train_member(net: nn.Module, data: TrainingData, held_out: TrainingData, con
         # Learn an epoch's batches.
         net.train()
         batches = draw_batches(data.samples, as_is, data.weights, config.batch, steps,
-                               (config.seed, epoch), config.blind,
+                               (config.seed, epoch), config.blind, config.pictures,
                                0 if training.device.type == "cpu" else cores)
         losses = [training.step(batch) for batch in
                   progress(batches, f"{path.stem} epoch {epoch}", "steps", steps)]
@@ -204,38 +211,50 @@ def measure_held_out(net: nn.Module, held_out: TrainingData, blind_share: float 
     """Measures errors on families left out; `score` is the mean error of log gamma.
 
     Of a network that knows the form it is the mean over the levels of knowledge; the other figures
-    are with v alone known, and `mae_size` and `mae_mesh` with more.
+    are with v alone known, and `mae_size` and `mae_mesh` with more. Of one that knows the
+    resolution it is over surfaces as stereo on pictures shows them too, see `mae_pictures`.
     """
     # The same tiles in every epoch.
     rows = np.random.default_rng(0).permutation(len(held_out.samples))[:TrainConfig.evaluated]
-    x = np.stack([make_input(held_out.samples[i], held_out.fused[i], (7, int(i)), blind_share)
-                  for i in rows])
+    inputs = [make_input(held_out.samples[i], held_out.fused[i], (7, int(i)), blind_share)
+              for i in rows]
     known = np.stack([held_out.samples[i].known for i in rows])
     log_true = target_tensor([held_out.samples[i] for i in rows])[:, 0]
-    # Predict at each level of knowledge that makes a difference.
+    true = torch.exp(log_true)
+    # Predict at each level of knowledge that makes a difference, and from pictures.
     levels = list(KnownLevel) if isinstance(net, GammaNet) and net.config.knows_form \
         else [KnownLevel.VOLUME]
-    by_level = [_predict(net, x, hide_above(known, level)) for level in levels]
+    by_level = [_predict(net, inputs, hide_above(known, level)) for level in levels]
+    log_errors = [float((p - log_true).abs().mean()) for p in by_level]
+    cast = np.array([not held_out.fused[i] and held_out.samples[i].seen_by is not None
+                     for i in rows])
+    of_pictures = {}
+    if isinstance(net, GammaNet) and net.config.knows_resolution and cast.any():
+        pictures = [make_input(held_out.samples[i], False, (7, int(i)), blind_share, 1.0)
+                    for i in rows[cast]]
+        predicted = _predict(net, pictures, hide_above(known[cast], KnownLevel.VOLUME))
+        log_errors.append(float((predicted - log_true[cast]).abs().mean()))
+        of_pictures = {"mae_pictures": float((torch.exp(predicted) - true[cast]).abs().mean())}
     # Compare.
-    log_gamma, true = by_level[0], torch.exp(log_true)
-    gamma = torch.exp(log_gamma)
+    gamma = torch.exp(by_level[0])
     fused = torch.tensor([held_out.fused[i] for i in rows])
     mae_fused = float((gamma - true)[fused].abs().mean()) if fused.any() else 0.0
-    return {"score": float(np.mean([float((p - log_true).abs().mean()) for p in by_level])),
+    return {"score": float(np.mean(log_errors)),
             "mae": float((gamma - true).abs().mean()),
             "r2": float(1 - ((gamma - true) ** 2).mean() / true.var(correction=0)),
             "bias": float((gamma - true).mean()), "mae_fused": mae_fused,
             **{f"mae_{level.name.lower()}": float((torch.exp(p) - true).abs().mean())
-               for level, p in zip(levels[1:], by_level[1:])}}
+               for level, p in zip(levels[1:], by_level[1:])}, **of_pictures}
 
 
-def _predict(net: nn.Module, x: np.ndarray, known: np.ndarray) -> torch.Tensor:
-    """(n,) log gamma of (n, CHANNELS, h, w) inputs and (n, KNOWN_VALUES), on the CPU."""
+def _predict(net: nn.Module, inputs: list[NetworkInput], known: np.ndarray) -> torch.Tensor:
+    """(n,) log gamma of n inputs and (n, KNOWN_VALUES), on the CPU."""
     net.eval()
     device = next(net.parameters()).device
-    parts = zip(torch.from_numpy(x).split(64), torch.from_numpy(known).split(64))
+    x, resolution = (torch.from_numpy(np.stack(part)) for part in zip(*inputs))
+    parts = zip(x.split(64), torch.from_numpy(known).split(64), resolution.split(64))
     with torch.no_grad():
-        return torch.cat([net(a.to(device), b.to(device))[0].cpu() for a, b in parts])
+        return torch.cat([net(*(a.to(device) for a in part))[0].cpu() for part in parts])
 
 
 def training_device() -> torch.device:

@@ -35,6 +35,8 @@ class StackVolume:
         region: name of the configured region that was measured; empty if none is named.
         view_agreement_m: median distance between the surfaces that different views show of one
             place, metres; 0 if unknown, as with one view.
+        resolution_m: length that the top surface resolves, metres: the larger of the voxel and
+            of what is compared in the images, a pixel of depth or stereo's window; 0 if unknown.
     """
 
     stamp_ns: int
@@ -54,6 +56,7 @@ class StackVolume:
     one_side: bool = False
     region: str = ""
     view_agreement_m: float = 0.0
+    resolution_m: float = 0.0
 
     @property
     def overfilled(self) -> bool:

@@ -67,6 +67,7 @@ def test_v_is_right_with_the_poses_of_a_bad_arm_and_a_good_one(sigma_m):
     assert volume.container.kind == "box"
     assert volume.stack_volume == pytest.approx(INNER[0] * INNER[1] * FILL + boxes, rel=0.04)
     assert 0 < volume.view_agreement_m < 0.001
+    assert 0.001 <= volume.resolution_m <= 0.002
 
 
 def test_views_that_agree_are_not_registered(monkeypatch):

@@ -15,6 +15,7 @@ from stack_counter.occupancy.checkpoint import load_members, save_members
 from stack_counter.occupancy.gamma_net import SHAPE_OUTPUTS, GammaNet, NetConfig
 from stack_counter.occupancy.known_form import KNOWN_VALUES
 from stack_counter.occupancy.maps import CHANNELS, TILE
+from stack_counter.occupancy.resolution import RESOLUTION_VALUES
 
 SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)
 
@@ -52,6 +53,17 @@ def test_what_is_known_of_the_form_matters_to_a_network_that_reads_it():
         assert torch.equal(plain(x)[0], plain(x, something)[0])
 
 
+def test_the_resolution_matters_to_a_network_that_reads_it():
+    torch.manual_seed(0)
+    net, x = GammaNet(replace(SMALL, knows_resolution=True)).eval(), network_inputs(2)
+    usual, coarse = torch.zeros(2, RESOLUTION_VALUES), torch.ones(2, RESOLUTION_VALUES)
+    with torch.no_grad():
+        assert torch.equal(net(x)[0], net(x, resolution=usual)[0])
+        assert not torch.allclose(net(x)[0], net(x, resolution=coarse)[0])
+        plain = GammaNet(SMALL).eval()
+        assert torch.equal(plain(x)[0], plain(x, resolution=coarse)[0])
+
+
 def test_it_learns_four_samples_by_heart():
     torch.manual_seed(0)
     net, x, gamma = GammaNet(SMALL), network_inputs(4), torch.tensor([0.2, 0.4, 0.6, 0.8])
@@ -69,9 +81,9 @@ def test_it_learns_four_samples_by_heart():
     assert float((guess - gamma).abs().max()) < 0.1
 
 
-@pytest.mark.parametrize("knows_form", [False, True])
-def test_members_and_calibration_come_back_as_written(tmp_path, knows_form):
-    nets = [GammaNet(replace(SMALL, knows_form=knows_form)).eval() for _ in range(2)]
+@pytest.mark.parametrize("knows", [{}, {"knows_form": True}, {"knows_resolution": True}])
+def test_members_and_calibration_come_back_as_written(tmp_path, knows):
+    nets = [GammaNet(replace(SMALL, **knows)).eval() for _ in range(2)]
     save_members(tmp_path / "w.safetensors", nets, {"version": "x"}, SCORES)
     checkpoint = load_members(tmp_path / "w.safetensors")
     x = network_inputs(2)

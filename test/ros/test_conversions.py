@@ -76,7 +76,8 @@ def examples():
         inner=dataclasses.replace(top, heights=example_heights(12)), key_view=key_view,
         views=tally, reasons=(Reason.LOW_COVERAGE, Reason.ONE_SIDE), one_side=True,
         seconds={"finish": 0.25},
-        missing_cameras=("left", "back"), region="bin_2", view_agreement_m=0.0012)
+        missing_cameras=("left", "back"), region="bin_2", view_agreement_m=0.0012,
+        resolution_m=0.0025)
     count = StackCount(
         count=412, count_interval=(391, 430), confidence=0.95, gamma=0.33, gamma_std=0.02,
         unit_volume=2e-6, volume=volume, estimator="network", status="degraded",

@@ -67,6 +67,17 @@ def test_a_network_that_knows_the_form_is_measured_at_each_level(tmp_path):
     assert member.read_member(path)[0].config == net.config
 
 
+def test_a_network_that_knows_the_resolution_is_measured_on_pictures_too(tmp_path):
+    config, path = member.TrainConfig(epochs=1, batch=8, pictures=0.5), tmp_path / "member_0.pt"
+    seen = data(16)
+    seen = replace(seen, samples=[replace(s, seen_by=np.full((64, 64), 12, np.uint8))
+                                  for s in seen.samples])
+    net = GammaNet(replace(SMALL, knows_resolution=True))
+    member.train_member(net, seen, seen, config, path)
+    assert history(path)[0]["mae_pictures"] > 0
+    assert member.read_member(path)[0].config == net.config
+
+
 def test_after_a_kill_it_goes_on_where_it_was(tmp_path, monkeypatch):
     config, path = member.TrainConfig(epochs=3, batch=8), tmp_path / "member_0.pt"
     evaluate, calls = member.measure_held_out, []
@@ -140,7 +151,7 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
     fold = {"nut": 0, "tube": 1}
     seen = []
 
-    def predict(members, maps, known):
+    def predict(members, maps, known, resolution):
         seen.append(members[0])
         return GammaPrediction(0.0, 0.2, np.zeros(3))
     monkeypatch.setattr(calibrate, "predict_gamma", predict)
@@ -180,3 +191,9 @@ def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys, 
     assert network.name == "network t1"
     assert network._scores.shape == (3 if knows_form else 1, 20)
     assert network._domain.distance(samples[0].maps) < 1.5
+
+
+def test_large_groups_of_families_weigh_less():
+    weights = gamma.family_weights(["nut_small"] * 15 + ["nut"] + ["tube"])
+    assert weights.mean() == pytest.approx(1) and weights[0] == weights[15]
+    assert weights[16] / weights[0] == pytest.approx(8)  # 16 to the power of 0.75

@@ -15,15 +15,19 @@ import torch
 from torch.utils.data import DataLoader, Dataset
 from typing_extensions import override
 
+from stack_counter.fusion.tsdf import voxel_size_for
 from stack_counter.occupancy.known_form import add_size_errors, hide_above
 from stack_counter.occupancy.maps import TILE, StackMaps, network_channels
+from stack_counter.occupancy.resolution import resolution_values
 from stack_counter.train.data.degrade import degrade_like_fusion
 from stack_counter.train.data.heights import Sample
+from stack_counter.train.data.stereo_surface import degrade_like_stereo, draw_resolution
 from stack_counter.types import KnownLevel
 
 FOLDS = 5  # groups of families; a member of the ensemble leaves out one
 _FOLD_SEED = 5
 _KNOWN_SEED = 0xF0
+_PICTURES_SEED = 0x57E
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,8 @@ class AugmentationSettings:
 
     Attributes:
         blind_share: share of tiles without walls and floor, as a single view gives them.
+        picture_share: share of the cast surfaces that are degraded as stereo on pictures does; 0
+            for a network that reads depth cameras alone.
         quarter_turn_share: share of tiles turned by quarters, which leaves the pixels as they
             are.
         least_play_px: least distance by which a tile's middle is moved at random.
@@ -44,6 +50,7 @@ class AugmentationSettings:
     """
 
     blind_share: float = 0.08
+    picture_share: float = 0.0
     quarter_turn_share: float = 0.5
     least_play_px: float = 4
     cut_play: float = 0.9
@@ -62,11 +69,13 @@ class Batch(NamedTuple):
     Attributes:
         x: (b, CHANNELS, TILE, TILE) inputs.
         known: (b, KNOWN_VALUES) what is known of the parts' form.
+        resolution: (b, RESOLUTION_VALUES) how finely the surfaces were measured.
         y: (b, 1 + SHAPE_OUTPUTS) targets of `target_tensor`.
     """
 
     x: torch.Tensor
     known: torch.Tensor
+    resolution: torch.Tensor
     y: torch.Tensor
 
 
@@ -128,8 +137,21 @@ def hide_container(x: np.ndarray) -> np.ndarray:
     return np.stack([x[0], x[1], x[1], np.log1p(np.maximum(local, 0) * valid) / 2])
 
 
+class NetworkInput(NamedTuple):
+    """What a network reads of a tile, besides the part's form.
+
+    Attributes:
+        x: (CHANNELS, TILE, TILE) float32 of `maps.network_channels`.
+        resolution: (RESOLUTION_VALUES,) float32 of `resolution.resolution_values`.
+    """
+
+    x: np.ndarray
+    resolution: np.ndarray
+
+
 def make_input(sample: Sample, as_is: bool, seed: tuple[int, ...],
-               blind_share: float = SETTINGS.blind_share) -> np.ndarray:
+               blind_share: float = SETTINGS.blind_share,
+               picture_share: float = SETTINGS.picture_share) -> NetworkInput:
     """Makes one network input of a sample.
 
     Args:
@@ -137,14 +159,28 @@ def make_input(sample: Sample, as_is: bool, seed: tuple[int, ...],
         as_is: they are not degraded, as those that were truly fused.
         seed: of all that is drawn.
         blind_share: probability of being blinded.
-
-    Returns:
-        (CHANNELS, TILE, TILE) float32.
+        picture_share: probability of being degraded as stereo on pictures does, if it was cast.
     """
     random = np.random.default_rng(seed)
-    tile = draw_tile(sample.maps if as_is else degrade_like_fusion(sample, random), random)
-    x = network_channels(tile)
-    return hide_container(x) if random.random() < blind_share else x
+    of_pictures = np.random.default_rng((*seed, _PICTURES_SEED))
+    from_pictures = not as_is and sample.seen_by is not None \
+        and of_pictures.random() < picture_share
+    # Degrade the surface as one of the two does, or not.
+    if from_pictures:
+        drawn = draw_resolution(sample.part_length_m, of_pictures)
+        resolution, maps = (resolution_values(drawn, from_pictures=True),
+                            degrade_like_stereo(sample, drawn, of_pictures))
+    else:
+        resolution, maps = (fused_resolution(sample),
+                            sample.maps if as_is else degrade_like_fusion(sample, random))
+    x = network_channels(draw_tile(maps, random))
+    return NetworkInput(hide_container(x) if random.random() < blind_share else x, resolution)
+
+
+def fused_resolution(sample: Sample) -> np.ndarray:
+    """(RESOLUTION_VALUES,) of a sample's surface as views with depth are fused."""
+    voxel = voxel_size_for(sample.part_length_m**3)
+    return resolution_values(voxel / sample.part_length_m, from_pictures=False)
 
 
 def target_tensor(samples: list[Sample]) -> torch.Tensor:
@@ -164,10 +200,10 @@ class _Batches(Dataset[Batch]):
     """The batches of an epoch by their number."""
 
     def __init__(self, samples: list[Sample], as_is: list[bool], chosen: np.ndarray,
-                 seed: tuple[int, ...], blind_share: float):
+                 seed: tuple[int, ...], blind_share: float, picture_share: float):
         """`chosen`: (batches, size) rows of the samples."""
         self._samples, self._as_is, self._chosen = samples, as_is, chosen
-        self._seed, self._blind_share = seed, blind_share
+        self._seed, self._shares = seed, (blind_share, picture_share)
 
     def __len__(self) -> int:
         return len(self._chosen)
@@ -176,15 +212,17 @@ class _Batches(Dataset[Batch]):
     def __getitem__(self, number: int) -> Batch:
         samples = [self._samples[i] for i in self._chosen[number]]
         seeds = [(*self._seed, number, k) for k in range(len(samples))]
-        x = np.stack([make_input(self._samples[i], self._as_is[i], seed, self._blind_share)
-                      for i, seed in zip(self._chosen[number], seeds)])
+        inputs = [make_input(self._samples[i], self._as_is[i], seed, *self._shares)
+                  for i, seed in zip(self._chosen[number], seeds)]
+        x, resolution = (torch.from_numpy(np.stack(part)) for part in zip(*inputs))
         known = np.stack([draw_known(s, seed) for s, seed in zip(samples, seeds)])
-        return Batch(torch.from_numpy(x), torch.from_numpy(known), target_tensor(samples))
+        return Batch(x, torch.from_numpy(known), resolution, target_tensor(samples))
 
 
 def draw_batches(samples: list[Sample], as_is: list[bool], weights: np.ndarray, size: int,
                  count: int, seed: tuple[int, ...], blind_share: float = SETTINGS.blind_share,
-                 processes: int = 0) -> Iterator[Batch]:
+                 picture_share: float = SETTINGS.picture_share, processes: int = 0
+                 ) -> Iterator[Batch]:
     """Yields batches, prepared ahead; the same whoever prepares them.
 
     Args:
@@ -195,11 +233,12 @@ def draw_batches(samples: list[Sample], as_is: list[bool], weights: np.ndarray, 
         count: number of batches.
         seed: of all that is drawn.
         blind_share: probability of a tile without walls and floor.
+        picture_share: probability of a cast surface to be degraded as stereo on pictures does.
         processes: number of processes that prepare them; 0: a thread does.
     """
     random = np.random.default_rng(seed)
     chosen = random.choice(len(samples), (count, size), p=weights / weights.sum())
-    batches = _Batches(samples, as_is, chosen, seed, blind_share)
+    batches = _Batches(samples, as_is, chosen, seed, blind_share, picture_share)
     if processes:
         # Forked processes share the samples' memory; they touch no accelerator.
         yield from DataLoader(batches, batch_size=None, num_workers=processes,

@@ -3,13 +3,13 @@
 
 Rays straight down give the ideal surface. What no view of a typical arc can see is then hidden and
 filled in by the run time's own rule. Noise and blur are drawn anew each time a scene is learnt
-from: `train.data.degrade`.
+from: `train.data.degrade` for depth cameras, `train.data.stereo_surface` for pictures.
 """
 
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,7 @@ from stack_counter.sim import Scene, ideal_surface, read_shard
 # Format of the stored samples.
 _STEPS_PER_LENGTH = 500  # a part length
 _LARGEST_HEIGHT = 65  # part lengths that 16 bits hold
-_CACHE_VERSION = "heights 4"
+_CACHE_VERSION = "heights 5"
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,7 @@ class Sample:
         count: parts in the scene.
         fill: share of the container that was to be filled.
         known: (KNOWN_VALUES,) float32 of `known_form.known_values`, the mesh being known.
+        seen_by: (rows, cols) uint8, how many views of the arc see each cell; None if not cast.
     """
 
     maps: StackMaps
@@ -79,6 +80,13 @@ class Sample:
     count: int
     fill: float
     known: np.ndarray = field(default_factory=lambda: np.zeros(KNOWN_VALUES, np.float32))
+    seen_by: np.ndarray | None = None
+
+    @property
+    def seen_share(self) -> np.ndarray:
+        """(rows, cols) float32 share of the arc's views that see each cell."""
+        assert self.seen_by is not None  # only surfaces that were cast are degraded
+        return (self.seen_by / SETTINGS.views).astype(np.float32)
 
 
 def make_sample(scene: Scene) -> Sample:
@@ -88,12 +96,13 @@ def make_sample(scene: Scene) -> Sample:
     part_length = scene.truth.unit_volume ** (1 / 3)
     # Hide what no view sees, and fill it in as the run time does.
     random = np.random.default_rng([scene.seed, scene.index, 0x5EE])
-    seen = find_cells_seen_by_arc(top, valid, scene.container.rim_height_m / part_length, random)
+    seen_by = count_views_of_cells(top, valid, scene.container.rim_height_m / part_length, random)
+    seen = seen_by > 0
     if seen.any():
         top = fill_unknown_cells(np.where(seen, top, np.nan), seen)
         top = np.where(valid, top, 0).astype(np.float32)
     maps = make_maps(top, surface.inner, valid, walled=scene.container.kind != "none")
-    return label_maps(maps, scene)
+    return replace(label_maps(maps, scene), seen_by=seen_by)
 
 
 def label_maps(maps: StackMaps, scene: Scene) -> Sample:
@@ -112,8 +121,8 @@ def shape_logs(scene: Scene) -> np.ndarray:
                    float(shape.mesh.area) / part_length**2]).astype(np.float32)
 
 
-def find_cells_seen_by_arc(top: np.ndarray, valid: np.ndarray, rim: float,
-                           random: np.random.Generator) -> np.ndarray:
+def count_views_of_cells(top: np.ndarray, valid: np.ndarray, rim: float,
+                         random: np.random.Generator) -> np.ndarray:
     """Marches rays from every cell to the views of an arc over the surface.
 
     Args:
@@ -123,13 +132,13 @@ def find_cells_seen_by_arc(top: np.ndarray, valid: np.ndarray, rim: float,
         random: draws where the arc begins and how its views tilt.
 
     Returns:
-        (rows, cols) bool: cells that some view sees.
+        (rows, cols) uint8: how many views of the arc see each cell; 0 where not valid.
     """
     border = SETTINGS.border_px
     surroundings = np.pad(np.where(valid, top, rim), border, constant_values=rim)
     relief = float(surroundings.max() - surroundings.min())
     first_angle = random.uniform(0, 2 * np.pi)
-    seen = np.zeros(top.shape, bool)
+    seen_by = np.zeros(top.shape, np.uint8)
     for i in range(SETTINGS.views):
         # Direction to the view, and how much a ray rises with each pixel.
         spread = SETTINGS.tilt_spread_deg
@@ -143,8 +152,8 @@ def find_cells_seen_by_arc(top: np.ndarray, valid: np.ndarray, rim: float,
             dy, dx = (int(round(step * f)) for f in (np.sin(angle), np.cos(angle)))
             blocked |= _shift(surroundings, dy, dx, top.shape) \
                 > top + step * rise + SETTINGS.clearance
-        seen |= ~blocked
-    return seen & valid
+        seen_by += ~blocked
+    return seen_by * valid
 
 
 def load_samples(folders: list[Path], cache: Path, workers: int) -> list[Sample]:
@@ -170,7 +179,7 @@ def write_samples(path: Path, samples: list[Sample], **more: np.ndarray) -> None
 
     arrays = {f"{i}_{name}": value for i, s in enumerate(samples) for name, value in (
         ("top", encode(s.maps.top)), ("height", encode(s.maps.height)),
-        ("valid", np.packbits(s.maps.valid)))}
+        ("valid", np.packbits(s.maps.valid)), ("seen_by", s.seen_by)) if value is not None}
     facts = np.array([(s.gamma, *s.shape_logs, s.part_length_m, s.count, s.fill,
                        s.container_kind != "none") for s in samples], np.float64)
     unfinished = path.with_suffix(".part")
@@ -195,7 +204,7 @@ def read_samples(path: Path) -> list[Sample]:
             maps = make_maps(top, top - height, valid, bool(walled))
             samples.append(Sample(maps, gamma, np.array(logs, np.float32), part_length,
                                   str(names[i]), str(families[i]), str(kinds[i]), int(count),
-                                  fill, known[i]))
+                                  fill, known[i], file.get(f"{i}_seen_by")))
     return samples
 
 

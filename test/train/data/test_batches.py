@@ -16,6 +16,7 @@ from stack_counter.train.data.batches import (
     draw_tile,
     family_group,
     hide_container,
+    make_input,
 )
 from stack_counter.train.data.degrade import degrade_like_fusion
 from stack_counter.train.data.heights import Sample, read_samples, write_samples
@@ -89,6 +90,19 @@ def test_batches_depend_on_the_seed_alone():
     assert set(np.round(np.exp(logs), 3)) <= {np.float32(0.3), np.float32(0.6)}
 
 
+def test_pictures_are_drawn_in_all_resolutions_beside_depth():
+    of = replace(sample(), seen_by=np.full((60, 90), 12, np.uint8))
+    fused = make_input(of, True, (0,), picture_share=1.0)
+    assert fused.resolution[1] == 0  # what was truly fused stays as it is
+    drawn = [make_input(of, False, (0, i), picture_share=0.5).resolution for i in range(40)]
+    logs, from_pictures = np.array(drawn).T
+    assert 0.25 < from_pictures.mean() < 0.75
+    assert np.ptp(logs[from_pictures == 0]) == 0 and np.ptp(logs[from_pictures == 1]) > 0.3
+    # Without pictures nothing changes.
+    one, two = (make_input(s, False, (0, 1)) for s in (of, sample()))
+    np.testing.assert_array_equal(one.x, two.x)
+
+
 def test_what_is_known_is_hidden_at_random():
     of = replace(sample(), known=np.linspace(1, 2, KNOWN_VALUES).astype(np.float32))
     drawn = np.array([draw_known(of, (0, i)) for i in range(300)])
@@ -104,7 +118,8 @@ def test_what_is_known_is_hidden_at_random():
 
 def test_samples_come_back_from_their_file(tmp_path):
     known = np.arange(KNOWN_VALUES, dtype=np.float32)
-    samples = [replace(sample(), known=known), sample(20, 30, 0.3, "tube", walled=False)]
+    samples = [replace(sample(), known=known, seen_by=np.full((60, 90), 7, np.uint8)),
+               sample(20, 30, 0.3, "tube", walled=False)]
     write_samples(tmp_path / "s.npz", samples, more=np.arange(2))
     for a, b in zip(samples, read_samples(tmp_path / "s.npz")):
         np.testing.assert_allclose(a.maps.top, b.maps.top, atol=0.002)
@@ -113,3 +128,4 @@ def test_samples_come_back_from_their_file(tmp_path):
         assert (a.gamma, a.name, a.family, a.container_kind, a.count) == (
             b.gamma, b.name, b.family, b.container_kind, b.count)
         np.testing.assert_array_equal(a.known, b.known)
+        np.testing.assert_array_equal(a.seen_by, b.seen_by)
