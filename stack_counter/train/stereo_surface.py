@@ -62,7 +62,7 @@ class FitSettings:
     views: int = 24
     widths_px: tuple[int, ...] = (640, 480, 640, 320)
     field: float = 610 / 640
-    largest_error: float = 0.2
+    largest_error: float = 0.15
     fewest_cells: int = 400
     band_px: tuple[float, ...] = (0.7, 1.4, 2.8, 5.6, 11.2)
     shares: tuple[float, ...] = (2, 10, 25, 50, 75, 90, 98)
