@@ -3,7 +3,8 @@
 
 A place has to be seen by several views at once, and a window has to fit into it. What few views
 see is filled in from beside it: by the run time, which takes the lowest, or by the stereo, which
-passes smoothly from one side to the other. What is left is smoothed and noisy.
+passes smoothly from one side to the other. What is left is evened between edges, smoothed and
+noisy.
 `train.stereo_surface` fits and checks the model.
 """
 
@@ -32,20 +33,24 @@ class StereoSurfaceSettings:
         share_std: standard deviation of the share that is needed, from place to place.
         bridging: share of the way from the lowest height beside a place that few views see to
             the mean one, at which it is filled in.
+        evening_px: standard deviation of the blur that stops at edges, pixels.
+        evening_height: difference of heights that is such an edge, part lengths.
         smoothing: standard deviation of the blur.
         least_smoothing_px: the same of bringing the map to the network's pixels, pixels.
         noise: standard deviation of the surface's error.
         noise_width: standard deviation of the blur that makes that error smooth.
     """
 
-    least_share: float = 0.377
-    share_growth: float = 0.249
-    share_std: float = 0.157
-    bridging: float = 0.346
-    smoothing: float = 0.0957
-    least_smoothing_px: float = 0.464
-    noise: float = 0.0207
-    noise_width: float = 3.74
+    least_share: float = 0.349
+    share_growth: float = 0.165
+    share_std: float = 0.103
+    bridging: float = 0.32
+    evening_px: float = 1.23
+    evening_height: float = 0.288
+    smoothing: float = 0.0371
+    least_smoothing_px: float = 0.487
+    noise: float = 0.032
+    noise_width: float = 3.89
 
 
 SETTINGS = StereoSurfaceSettings()
@@ -69,6 +74,7 @@ class PictureSettings:
 
 
 PICTURES = PictureSettings()
+_EVENING_SIDE = 5  # pixels of the map
 _BRIDGE = 2.0  # resolutions over which a place that few views see is bridged
 
 
@@ -127,7 +133,9 @@ def stereo_surface(top: np.ndarray, seen_share: np.ndarray, valid: np.ndarray, r
     lowest = fill_unknown_cells(np.where(known, top, np.nan), known)
     mean = _mean_around(top, known, max(_BRIDGE * window, 1.0))
     top = np.where(known, top, lowest + s.bridging * np.maximum(mean - lowest, 0))
-    # Smooth, and add noise.
+    # Even out what lies between edges, smooth, and add noise.
+    top = cv2.bilateralFilter(top.astype(np.float32), _EVENING_SIDE, s.evening_height,
+                              s.evening_px)
     top = _mean_around(top, valid, float(np.hypot(s.smoothing * window, s.least_smoothing_px)))
     top += s.noise * resolution * _smooth_noise(top.shape, width, random)
     return np.where(valid, top, 0).astype(np.float32)
