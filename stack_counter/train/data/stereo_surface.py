@@ -62,13 +62,13 @@ class PictureSettings:
 
     Attributes:
         resolution: range of the resolution, part lengths, drawn evenly in its logarithm; a
-            voxel at least.
+            voxel at least. That of the pairs which the model was fitted to.
         spread: standard deviation of the log of a factor by which smoothing and noise differ from
             scan to scan at one resolution.
         floor_std: standard deviation of the inner surface's level, resolutions.
     """
 
-    resolution: tuple[float, float] = (0.03, 0.4)
+    resolution: tuple[float, float] = (0.08, 0.3)
     spread: float = 0.25
     floor_std: float = 0.2
 

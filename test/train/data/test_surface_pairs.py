@@ -64,7 +64,7 @@ def test_pairs_come_back_from_their_file(tmp_path):
 
 def test_the_classifier_tells_another_blur_but_not_the_same(monkeypatch):
     monkeypatch.setattr(surface_patches, "SETTINGS", surface_patches.PatchSettings(
-        draws=1, folds=2, steps=40, batch=32, width=8))
+        draws=1, folds=2, steps=80, batch=32, width=8, rate=1e-2))
     pairs = [made_pair(i, 1.0, f"family {i}") for i in range(4)]
     same = np.mean(classify(patches_of(pairs, lambda pair, _: blurred(pair.cast, 1.0))))
     other = np.mean(classify(patches_of(pairs, lambda pair, _: blurred(pair.cast, 2.0))))
