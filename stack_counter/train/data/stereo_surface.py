@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What stereo on pictures does to a surface, as a model of a few numbers.
 
-A place has to be seen by several views at once, and a window has to fit into it: what few views
-see is filled in from beside it, as the run time does. What is left is fattened, smoothed and
-noisy, in proportion to the resolution. `train.stereo_surface` fits and checks the model.
+A place has to be seen by several views at once, and a window has to fit into it. What few views
+see is filled in from beside it: by the run time, which takes the lowest, or by the stereo, which
+passes smoothly from one side to the other. What is left is evened between edges, smoothed and
+noisy.
+`train.stereo_surface` fits and checks the model.
 """
 
 from __future__ import annotations
@@ -29,21 +31,26 @@ class StereoSurfaceSettings:
         least_share: share of an arc's views that must see a place, at the finest resolution.
         share_growth: by how much that share grows with the resolution in part lengths.
         share_std: standard deviation of the share that is needed, from place to place.
-        fattening: radius by which what stands higher is widened.
+        bridging: share of the way from the lowest height beside a place that few views see to
+            the mean one, at which it is filled in.
+        evening_px: standard deviation of the blur that stops at edges, pixels.
+        evening_height: difference of heights that is such an edge, part lengths.
         smoothing: standard deviation of the blur.
         least_smoothing_px: the same of bringing the map to the network's pixels, pixels.
         noise: standard deviation of the surface's error.
         noise_width: standard deviation of the blur that makes that error smooth.
     """
 
-    least_share: float = 0.274
-    share_growth: float = 0.443
-    share_std: float = 0.0911
-    fattening: float = 0.432
-    smoothing: float = 0.165
-    least_smoothing_px: float = 0.178
-    noise: float = 0.318
-    noise_width: float = 3.07
+    least_share: float = 0.349
+    share_growth: float = 0.165
+    share_std: float = 0.103
+    bridging: float = 0.32
+    evening_px: float = 1.23
+    evening_height: float = 0.288
+    smoothing: float = 0.0371
+    least_smoothing_px: float = 0.487
+    noise: float = 0.032
+    noise_width: float = 3.89
 
 
 SETTINGS = StereoSurfaceSettings()
@@ -55,24 +62,34 @@ class PictureSettings:
 
     Attributes:
         resolution: range of the resolution, part lengths, drawn evenly in its logarithm; a
-            voxel at least.
-        spread: standard deviation of the log of a factor by which fattening, smoothing and noise
-            differ from scan to scan at one resolution.
+            voxel at least. That of the pairs which the model was fitted to.
+        spread: standard deviation of the log of a factor by which smoothing and noise differ from
+            scan to scan at one resolution.
         floor_std: standard deviation of the inner surface's level, resolutions.
     """
 
-    resolution: tuple[float, float] = (0.03, 0.4)
+    resolution: tuple[float, float] = (0.08, 0.3)
     spread: float = 0.25
     floor_std: float = 0.2
 
 
 PICTURES = PictureSettings()
+_EVENING_SIDE = 5  # pixels of the map
+_BRIDGE = 2.0  # resolutions over which a place that few views see is bridged
 
 
 def draw_resolution(part_length_m: float, random: np.random.Generator) -> float:
     """Draws a resolution of stereo, part lengths, for parts of a size in metres."""
     drawn = float(np.exp(random.uniform(*np.log(PICTURES.resolution))))
     return max(drawn, voxel_size_for(part_length_m**3) / part_length_m)
+
+
+def draw_model(random: np.random.Generator) -> StereoSurfaceSettings:
+    """Draws the model of one scan."""
+    smoothing, noise = np.exp(random.normal(0, PICTURES.spread, 2))
+    return replace(SETTINGS, smoothing=SETTINGS.smoothing * smoothing,
+                   least_smoothing_px=SETTINGS.least_smoothing_px * smoothing,
+                   noise=SETTINGS.noise * noise)
 
 
 def degrade_like_stereo(sample: Sample, resolution: float, random: np.random.Generator
@@ -84,10 +101,9 @@ def degrade_like_stereo(sample: Sample, resolution: float, random: np.random.Gen
         resolution: part lengths.
         random: draws the noise.
     """
-    maps, factor = sample.maps, np.exp(random.normal(0, PICTURES.spread, 3))
-    settings = replace(SETTINGS, fattening=SETTINGS.fattening * factor[0],
-                       smoothing=SETTINGS.smoothing * factor[1], noise=SETTINGS.noise * factor[2])
-    top = stereo_surface(maps.top, sample.seen_share, maps.valid, resolution, random, settings)
+    maps = sample.maps
+    top = stereo_surface(maps.top, sample.seen_share, maps.valid, resolution, random,
+                         draw_model(random))
     inner = maps.top - maps.height + random.normal(0, PICTURES.floor_std * resolution)
     height = np.where(maps.valid, np.maximum(top - inner, 0), 0).astype(np.float32)
     return StackMaps(top, height, maps.valid, maps.wall)
@@ -112,29 +128,23 @@ def stereo_surface(top: np.ndarray, seen_share: np.ndarray, valid: np.ndarray, r
     needed = s.least_share + s.share_growth * resolution \
         + s.share_std * _smooth_noise(top.shape, width, random)
     known = valid & (seen_share >= needed)
-    if known.any():
-        top = fill_unknown_cells(np.where(known, top, np.nan), known).astype(np.float32)
-    # Widen what stands higher, smooth, and add noise.
-    top = _widen(np.where(valid, top, -np.inf).astype(np.float32), s.fattening * window)
-    sigma = float(np.hypot(s.smoothing * window, s.least_smoothing_px))
-    weight = _blur(valid.astype(np.float32), sigma)
-    top = _blur(np.where(valid, top, 0), sigma) / np.maximum(weight, 1e-3)
+    if not known.any():
+        known = valid
+    lowest = fill_unknown_cells(np.where(known, top, np.nan), known)
+    mean = _mean_around(top, known, max(_BRIDGE * window, 1.0))
+    top = np.where(known, top, lowest + s.bridging * np.maximum(mean - lowest, 0))
+    # Even out what lies between edges, smooth, and add noise.
+    top = cv2.bilateralFilter(top.astype(np.float32), _EVENING_SIDE, s.evening_height,
+                              s.evening_px)
+    top = _mean_around(top, valid, float(np.hypot(s.smoothing * window, s.least_smoothing_px)))
     top += s.noise * resolution * _smooth_noise(top.shape, width, random)
     return np.where(valid, top, 0).astype(np.float32)
 
 
-def _widen(top: np.ndarray, radius: float) -> np.ndarray:
-    """Highest of the surroundings of any radius in pixels, between those of whole ones."""
-    whole = int(radius)
-    inside, outside = (_dilate(top, whole + more) for more in (0, 1))
-    finite = np.isfinite(inside)
-    share = radius - whole
-    return np.where(finite, (1 - share) * np.where(finite, inside, 0) + share * outside, outside)
-
-
-def _dilate(top: np.ndarray, radius: int) -> np.ndarray:
-    """Highest of a disc around each pixel."""
-    return cv2.dilate(top, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1,) * 2))
+def _mean_around(top: np.ndarray, known: np.ndarray, sigma: float) -> np.ndarray:
+    """(rows, cols) float32 Gaussian mean of what is known around each pixel; 0 far from it."""
+    weight = _blur(known.astype(np.float32), sigma)
+    return _blur(np.where(known, top, 0), sigma) / np.maximum(weight, 1e-3)
 
 
 def _blur(image: np.ndarray, sigma: float) -> np.ndarray:

@@ -35,7 +35,7 @@ class PatchSettings:
 
     side: float = 2.0
     step: float = 0.5
-    border: float = 0.5
+    border: float = 0.75
     limit: float = 2.0
     draws: int = 3
     folds: int = 4

@@ -10,14 +10,13 @@ import trimesh
 from kits.surfaces import stack_volume_of_heights
 
 from stack_counter.train import stereo_surface as command
-from stack_counter.train.data import surface_patches
 from stack_counter.train.data.surface_pairs import (
     SurfacePair,
     make_pair,
     read_pairs,
     write_pairs,
 )
-from stack_counter.train.data.surface_patches import classify, patches_of
+from stack_counter.train.data.surface_patches import cut_patches
 from stack_counter.types import Mesh
 
 
@@ -62,13 +61,14 @@ def test_pairs_come_back_from_their_file(tmp_path):
             b.name, b.family, b.walled, pytest.approx(b.resolution))
 
 
-def test_the_classifier_tells_another_blur_but_not_the_same(monkeypatch):
-    monkeypatch.setattr(surface_patches, "SETTINGS", surface_patches.PatchSettings(
-        draws=1, folds=2, steps=40, batch=32, width=8))
-    pairs = [made_pair(i, 1.0, f"family {i}") for i in range(4)]
-    same = np.mean(classify(patches_of(pairs, lambda pair, _: blurred(pair.cast, 1.0))))
-    other = np.mean(classify(patches_of(pairs, lambda pair, _: blurred(pair.cast, 2.0))))
-    assert abs(same - 0.5) < 0.1 and other > 0.9
+def test_patches_lie_wholly_inside_and_are_heights_over_their_mean():
+    top = np.tile(np.arange(64, dtype=np.float32) / 8, (64, 1))
+    usable = np.zeros(top.shape, bool)
+    usable[8:24, 8:32] = True
+    patches = cut_patches(top, usable)
+    assert patches.shape == (3, 16, 16)  # steps of 4 pixels over 16 x 24
+    np.testing.assert_allclose(patches, np.tile(top[:16, :16] - 15 / 16, (3, 1, 1)), atol=1e-6)
+    assert len(cut_patches(top[:9], usable[:9])) == 0
 
 
 def test_the_fit_comes_nearer(monkeypatch):
