@@ -13,13 +13,14 @@ from stack_counter.counting import make_count
 from stack_counter.errors import PartError
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
-from stack_counter.parts.counted_scan import CountedScan, focal_length_of, scans_of_same_rig
+from stack_counter.parts.counted_scan import CountedScan, focal_length_of, relevant_scans
 from stack_counter.parts.gamma_model import fill_size
 from stack_counter.parts.informed_gamma import (
     estimate_occupancy,
     models_of_other_parts,
     tuned_estimator,
 )
+from stack_counter.parts.scan_spread import spread_of
 from stack_counter.types import StackCount, StackVolume
 
 
@@ -148,9 +149,9 @@ def _check_plausible(part: Part, volume: StackVolume, count: int, estimated: int
     if count < 1:
         raise PartError(f"{count} parts counted, {estimated} estimated; expected 1 or more: "
                         "an empty bin says nothing of gamma")
-    if volume.top is None or volume.container.kind in ("none", "hull"):
-        raise PartError(f"the scan's container is '{volume.container.kind}'; expected depth and a "
-                        "container: without them V is not the same from scan to scan")
+    if volume.top is None:
+        raise PartError("the scan gave the hull of its outlines alone; expected depth, or "
+                        "pictures in colour: such a V is not the same from scan to scan")
     ratio = count / max(estimated, 1)
     if not force and not 1 / SETTINGS.max_ratio < ratio < SETTINGS.max_ratio:
         raise PartError(f"{count} parts counted, {estimated} estimated; expected a ratio "
@@ -188,11 +189,11 @@ def _check_new(scan: CountedScan, history: Sequence[CountedScan], volume: StackV
 
 def _drift_z_score(part: Part, volume: StackVolume, scan: CountedScan) -> float:
     """Standard deviations by which a scan disagrees with those before; 0 without any."""
-    history = scans_of_same_rig(part.counted, volume)
+    history = relevant_scans(part.counted, volume)
     if not history:
         return 0.0
     models = part.models or models_of_other_parts()
     model = models.one_side if scan.one_side else models.arc
     return model.counted_z_score(
-        scan.reading(models.estimator), [s.reading(models.estimator) for s in history],
-        part.relative_std)
+        scan.reading(models.estimator, spread_of(volume)),
+        [s.reading(models.estimator, spread) for s, spread in history], part.relative_std)

@@ -13,9 +13,10 @@ import numpy as np
 from stack_counter.files import shipped_weights
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
-from stack_counter.parts.counted_scan import scans_of_same_rig
+from stack_counter.parts.counted_scan import relevant_scans, scans_of_same_rig
 from stack_counter.parts.gamma_model import Reading, fill_size
 from stack_counter.parts.part_models import PartModels, read_models
+from stack_counter.parts.scan_spread import NO_SPREAD, spread_of
 from stack_counter.types import OccupancyEstimate, Reason, StackVolume
 
 if TYPE_CHECKING:
@@ -74,8 +75,8 @@ def estimate_occupancy(volume: StackVolume, part: Part, estimator: OccupancyEsti
                        ) -> OccupancyEstimate:
     """Estimates gamma by the estimator, joined with what is known of the part.
 
-    It may add the reasons `part_unused`, `calibrated_elsewhere`, `estimator_unheard`,
-    `fill_unlike_piles` and `part_disagrees`.
+    It may add the reasons `part_unused`, `calibrated_elsewhere`, `container_unlike_piles`,
+    `estimator_unheard`, `fill_unlike_piles` and `part_disagrees`.
 
     Raises:
         ScanError: the estimator can say no gamma of this scan.
@@ -84,25 +85,24 @@ def estimate_occupancy(volume: StackVolume, part: Part, estimator: OccupancyEsti
     """
     estimate = tuned_estimator(estimator, part).estimate(volume, part.unit_volume)
     # Choose what is known: models of the part's own piles, else what other parts tell of counted
-    # scans; nothing where V is another from scan to scan.
-    history = scans_of_same_rig(part.counted, volume)
-    reasons = estimate.reasons + ((Reason.PART_UNUSED,) if part.overridden else ())
-    if part.counted and not history:
-        reasons += (Reason.CALIBRATED_ELSEWHERE,)
+    # scans.
+    history = relevant_scans(part.counted, volume)
     models = part.models or (models_of_other_parts() if history else None)
-    if models is not None and (volume.top is None or volume.container.kind in ("none", "hull")):
-        models, reasons = None, (*reasons, Reason.PART_UNUSED)
+    reasons = estimate.reasons + _known_reasons(part, volume, known=models is not None)
     if models is None or not volume.stack_volume > 0:
         spread = np.hypot(estimate.gamma_std / estimate.gamma, part.relative_std)
         return replace(estimate, gamma_std=estimate.gamma * float(spread), reasons=reasons)
-    # Join it with the estimate, if the models know this estimator.
+    # Join it with the estimate, if that was read from a surface and the models know the estimator.
     model = models.one_side if volume.one_side else models.arc
-    log_gamma = np.log(estimate.gamma) if models.estimator == estimate.estimator else np.nan
-    if np.isnan(log_gamma):
+    log_gamma = np.nan
+    if volume.top is not None and models.estimator == estimate.estimator:
+        log_gamma = np.log(estimate.gamma)
+    elif volume.top is not None:
         reasons += (Reason.ESTIMATOR_UNHEARD,)
-    scan = Reading(*fill_size(volume, part.unit_volume), float(log_gamma))
-    posterior = model.posterior(scan, [s.reading(models.estimator) for s in history],
-                                part.relative_std)
+    scan = Reading(*fill_size(volume, part.unit_volume), float(log_gamma),
+                   spread=spread_of(volume))
+    posterior = model.posterior(
+        scan, [s.reading(models.estimator, spread) for s, spread in history], part.relative_std)
     # Widen the spread where the estimate is far off what is known.
     if not model.covers(scan):
         reasons += (Reason.FILL_UNLIKE_PILES,)
@@ -112,3 +112,14 @@ def estimate_occupancy(volume: StackVolume, part: Part, estimator: OccupancyEsti
     gamma = min(float(np.exp(posterior.mean)), SETTINGS.max_gamma)
     return OccupancyEstimate(gamma, gamma * posterior.std * widening, model.scores,
                              estimate.estimator, reasons, posterior.shares, len(history))
+
+
+def _known_reasons(part: Part, volume: StackVolume, known: bool) -> tuple[Reason, ...]:
+    """What qualifies the use of what is `known` of a part for a scan."""
+    same_rig = scans_of_same_rig(part.counted, volume)
+    holds = {
+        Reason.PART_UNUSED: part.overridden,
+        Reason.CALIBRATED_ELSEWHERE: part.counted and not same_rig,
+        Reason.CONTAINER_UNLIKE_PILES: known and not same_rig and spread_of(volume) != NO_SPREAD,
+    }
+    return tuple(reason for reason, is_so in holds.items() if is_so)

@@ -134,8 +134,12 @@ class Reason(str, Enum):
         "fill_unlike_piles", "The fill is lower or the container narrower than in all piles known "
         "of this part; count one such container and add it (stack-counter part calibrate).")
     PART_UNUSED = (
-        "part_unused", "What is known of the part was not used, for want of depth or a container "
-        "or because another part volume was given; record depth, or name the part alone.")
+        "part_unused", "What is known of the part was not used, because another part volume was "
+        "given; name the part alone.")
+    CONTAINER_UNLIKE_PILES = (
+        "container_unlike_piles", "What is known of this part is of open containers seen with "
+        "depth, so for a heap, a closed container or pictures its spread is wider; count one such "
+        "scan and add it (stack-counter part calibrate).")
     CALIBRATED_ELSEWHERE = (
         "calibrated_elsewhere", "None of the part's counted scans is of this rig; count one "
         "container on it and add it (stack-counter part calibrate).")
