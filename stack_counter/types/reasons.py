@@ -47,6 +47,16 @@ class Reason(str, Enum):
     DEPTH_FROM_PICTURES = (
         "depth_from_pictures", "Depth was computed from colour pictures, which measures V less "
         "exactly than a depth camera does; record aligned depth for a narrower interval.")
+    LOW_RESOLUTION = (
+        "low_resolution", "A part is less than 12 pixels wide in the best picture, so its surface "
+        "hardly shows; move the camera nearer, or record larger pictures.", True)
+    BLURRED_PICTURES = (
+        "blurred_pictures", "Hardly anything in the pictures is sharp, so the surface computed "
+        "from them is too smooth; hold the camera still, focus it, or expose for a shorter time.",
+        True)
+    OVEREXPOSED = (
+        "overexposed", "Much of the parts is white in the pictures, where no surface shows; "
+        "expose for a shorter time, or light the parts from several sides.", True)
     ONE_SIDE = (
         "one_side", "All views look from nearly the same direction, so parts of the surface are "
         "hidden from all of them; move the camera around the stack for a narrower interval.")
