@@ -8,7 +8,8 @@
 
 Open containers and heaps are measured from above. A container is closed, like a bag that
 parts show through, if labels show one and no rim is found; its V is what labels and depth leave.
-If that is a ring around a basin, the container is open, and V is what lies inside the ring.
+If that is a ring around a basin, the container is open, and V is what lies inside the ring; if
+no parts show through its sides, it may be open and full, and V holds its wall: both are unsure.
 
 Source: paper, section 3.3: the volume is carved by pictures' masks and by depth.
 """
@@ -24,7 +25,12 @@ from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.fusion.volume_model import volume_model
-from stack_counter.multiview.basin import BasinFill, find_basin, measure_basin
+from stack_counter.multiview.basin import (
+    BasinFill,
+    find_basin,
+    measure_basin,
+    sides_show_parts,
+)
 from stack_counter.multiview.closed_container import carve_closed_container
 from stack_counter.multiview.pose_refinement import refine_poses
 from stack_counter.multiview.stereo import depth_from_pictures
@@ -116,7 +122,8 @@ class StereoScan:
         stack = BasinFill(top, replace(top, heights=np.zeros_like(top.heights)), found.volume,
                           found.volume_std)
         if basin is not None:
-            stack = measure_basin(basin, found.top, found.volume_std)
+            stack = measure_basin(basin, top, found.volume_std)
+        if basin is not None or not sides_show_parts(self.views, found.surface):
             reasons += (Reason.CONTAINER_UNSURE,)
         return replace(
             heap, stack_volume=stack.volume, stack_volume_std=stack.volume_std, top=stack.top,

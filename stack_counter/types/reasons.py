@@ -67,8 +67,8 @@ class Reason(str, Enum):
         "nothing_found", "Neither a container nor parts were found, so the count is 0; if there "
         "are some, check the region of interest, the camera poses and the labels.", True)
     CONTAINER_UNSURE = (
-        "container_unsure", "Something like a rim was seen but no container could be fitted, so "
-        "all was counted as a heap; show the whole rim, or configure or teach the container.",
+        "container_unsure", "Something like a rim was seen but no container could be fitted, so V "
+        "may hold walls and a floor; show the whole rim, or configure or teach the container.",
         True)
     CUT_BY_IMAGE = (
         "cut_by_image", "The heap reaches the border of every image, or some of the container's "
