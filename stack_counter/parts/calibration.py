@@ -13,7 +13,7 @@ from stack_counter.counting import make_count
 from stack_counter.errors import PartError
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
-from stack_counter.parts.counted_scan import CountedScan, focal_length_of, relevant_scans
+from stack_counter.parts.counted_scan import CountedScan, focal_length_of, scans_of_same_rig
 from stack_counter.parts.gamma_model import fill_size
 from stack_counter.parts.informed_gamma import (
     estimate_occupancy,
@@ -189,11 +189,10 @@ def _check_new(scan: CountedScan, history: Sequence[CountedScan], volume: StackV
 
 def _drift_z_score(part: Part, volume: StackVolume, scan: CountedScan) -> float:
     """Standard deviations by which a scan disagrees with those before; 0 without any."""
-    history = relevant_scans(part.counted, volume)
+    history = scans_of_same_rig(part.counted, volume)
     if not history:
         return 0.0
     models = part.models or models_of_other_parts()
     model = models.one_side if scan.one_side else models.arc
-    return model.counted_z_score(
-        scan.reading(models.estimator, spread_of(volume)),
-        [s.reading(models.estimator, spread) for s, spread in history], part.relative_std)
+    reading, *before = (s.reading(models.estimator, spread_of(volume)) for s in (scan, *history))
+    return model.counted_z_score(reading, before, part.relative_std)

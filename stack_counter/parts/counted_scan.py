@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from stack_counter.parts.gamma_model import Reading
-from stack_counter.parts.scan_spread import NO_SPREAD, ScanSpread, spread_of, spread_of_kind
+from stack_counter.parts.scan_spread import ScanSpread
 from stack_counter.types import StackVolume
 
 
@@ -111,24 +111,9 @@ class CountedScan:
 
 
 def scans_of_same_rig(history: Sequence[CountedScan], volume: StackVolume) -> list[CountedScan]:
-    """Counted scans that tell something of a scan: of the same rig, seen from as many sides."""
+    """Counted scans of the same rig, seen from as many sides."""
     return [scan for scan in history
             if scan.one_side == volume.one_side and not scan.rig_difference(volume)]
-
-
-def relevant_scans(history: Sequence[CountedScan], volume: StackVolume
-                   ) -> list[tuple[CountedScan, ScanSpread]]:
-    """Counted scans that tell something of a scan, each with what its kind changes.
-
-    They are those of the same rig. Where there is none, and the scan is not one of an open
-    container with depth, which the spread allows for, they are all that are seen from as many
-    sides.
-    """
-    spread, same_rig = spread_of(volume), scans_of_same_rig(history, volume)
-    if same_rig or spread == NO_SPREAD:
-        return [(scan, spread) for scan in same_rig]
-    return [(scan, spread_of_kind(scan.container)) for scan in history
-            if scan.one_side == volume.one_side]
 
 
 def focal_length_of(volume: StackVolume) -> float:

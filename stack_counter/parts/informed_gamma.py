@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -13,10 +14,11 @@ import numpy as np
 from stack_counter.files import shipped_weights
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
-from stack_counter.parts.counted_scan import relevant_scans, scans_of_same_rig
+from stack_counter.parts.counted_scan import CountedScan, scans_of_same_rig
 from stack_counter.parts.gamma_model import Reading, fill_size
 from stack_counter.parts.part_models import PartModels, read_models
-from stack_counter.parts.scan_spread import NO_SPREAD, spread_of
+from stack_counter.parts.scan_spread import NO_SPREAD, ScanSpread, spread_of, spread_of_kind
+from stack_counter.parts.scan_spread import SETTINGS as SPREAD_SETTINGS
 from stack_counter.types import OccupancyEstimate, Reason, StackVolume
 
 if TYPE_CHECKING:
@@ -86,7 +88,7 @@ def estimate_occupancy(volume: StackVolume, part: Part, estimator: OccupancyEsti
     estimate = tuned_estimator(estimator, part).estimate(volume, part.unit_volume)
     # Choose what is known: models of the part's own piles, else what other parts tell of counted
     # scans.
-    history = relevant_scans(part.counted, volume)
+    history = _relevant_scans(part.counted, volume)
     models = part.models or (models_of_other_parts() if history else None)
     reasons = estimate.reasons + _known_reasons(part, volume, known=models is not None)
     if models is None or not volume.stack_volume > 0:
@@ -101,8 +103,10 @@ def estimate_occupancy(volume: StackVolume, part: Part, estimator: OccupancyEsti
         reasons += (Reason.ESTIMATOR_UNHEARD,)
     scan = Reading(*fill_size(volume, part.unit_volume), float(log_gamma),
                    spread=spread_of(volume))
-    posterior = model.posterior(
-        scan, [s.reading(models.estimator, spread) for s, spread in history], part.relative_std)
+    counted = [s.reading(models.estimator, spread) for s, spread in history]
+    if part.models is None and Reason.CALIBRATED_ELSEWHERE in reasons:
+        scan, counted = _of_another_rig(scan, counted)
+    posterior = model.posterior(scan, counted, part.relative_std)
     # Widen the spread where the estimate is far off what is known.
     if not model.covers(scan):
         reasons += (Reason.FILL_UNLIKE_PILES,)
@@ -112,6 +116,31 @@ def estimate_occupancy(volume: StackVolume, part: Part, estimator: OccupancyEsti
     gamma = min(float(np.exp(posterior.mean)), SETTINGS.max_gamma)
     return OccupancyEstimate(gamma, gamma * posterior.std * widening, model.scores,
                              estimate.estimator, reasons, posterior.shares, len(history))
+
+
+def _relevant_scans(history: Sequence[CountedScan], volume: StackVolume
+                    ) -> list[tuple[CountedScan, ScanSpread]]:
+    """Counted scans that tell something of a scan, each with what its kind changes.
+
+    They are those of the same rig. Where there is none, and the scan is not one of an open
+    container with depth, which the spread allows for, they are all that are seen from as many
+    sides.
+    """
+    spread, same_rig = spread_of(volume), scans_of_same_rig(history, volume)
+    if same_rig or spread == NO_SPREAD:
+        return [(scan, spread) for scan in same_rig]
+    return [(scan, spread_of_kind(scan.container)) for scan in history
+            if scan.one_side == volume.one_side]
+
+
+def _of_another_rig(scan: Reading, counted: Sequence[Reading]) -> tuple[Reading, list[Reading]]:
+    """The readings for models of other parts, where no counted scan is of the scan's rig.
+
+    Log gamma goes with the width w by 3.5 / w from part to part, as it does in these models, but
+    by -0.3 / w between containers of one part: so all count as equally wide.
+    """
+    return (replace(scan, spread=scan.spread + SPREAD_SETTINGS.other_rig),
+            [replace(reading, width=scan.width) for reading in counted])
 
 
 def _known_reasons(part: Part, volume: StackVolume, known: bool) -> tuple[Reason, ...]:

@@ -19,7 +19,9 @@ class PictureQualitySettings:
 
     Attributes:
         most_views: number of views whose colours are looked at, spread over the scan; chosen.
-        min_part_px: least diameter of a ball of a part's volume in the best view, pixels; chosen.
+        min_part_px: least diameter of a ball of a part's volume in the best view, pixels: a part's
+            largest side is 1.7 times that (median of 600 scenes of data/train-deep), and 12
+            pixels of it are needed (chosen).
         min_sharp_share: least share that is sharp of what a picture shows, in the median; as of
             `stack-counter doctor`. The pictures of a real bag of noodles are sharp on 0.97 or
             more, rendered ones that are smoothed by 4 pixels on 0.2 or less.
@@ -29,7 +31,7 @@ class PictureQualitySettings:
     """
 
     most_views: int = 12
-    min_part_px: float = 12.0
+    min_part_px: float = 7.0
     min_sharp_share: float = 0.3
     white_level: int = 250
     max_white_share: float = 0.2

@@ -48,7 +48,7 @@ class Reason(str, Enum):
         "depth_from_pictures", "Depth was computed from colour pictures, which measures V less "
         "exactly than a depth camera does; record aligned depth for a narrower interval.")
     LOW_RESOLUTION = (
-        "low_resolution", "A part is less than 12 pixels wide in the best picture, so its surface "
+        "low_resolution", "A part is less than 12 pixels long in the best picture, so its surface "
         "hardly shows; move the camera nearer, or record larger pictures.", True)
     BLURRED_PICTURES = (
         "blurred_pictures", "Hardly anything in the pictures is sharp, so the surface computed "

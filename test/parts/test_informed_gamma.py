@@ -109,6 +109,13 @@ def test_a_bin_counted_by_depth_tells_of_the_same_part_in_a_bag():
     assert {"calibrated_elsewhere", "container_unlike_piles"} <= set(estimate.reasons)
 
 
+def test_the_width_of_a_counted_bin_of_another_rig_says_nothing():
+    bag = stack_volume_of_box("hull")
+    parts = (Part(V, "nut", counted=(replace(counted_at(0.7), width=w),)) for w in (5.0, 15.0))
+    narrow, wide = (estimate_occupancy(bag, part, ConstantEstimator()) for part in parts)
+    assert narrow.gamma == wide.gamma and narrow.gamma_std == wide.gamma_std
+
+
 def test_the_mean_of_the_training_piles_is_no_other_estimator(nut):
     hull = replace(stack_volume_of_box("hull"), top=None, inner=None)
     estimate = estimate_occupancy(hull, nut, Prior(Baselines()))

@@ -37,9 +37,9 @@ def test_nothing_is_said_of_good_pictures():
 
 
 def test_the_best_view_decides_whether_parts_are_too_small():
-    assert doubts([picture(0.7), picture(0.8)]) == ("low_resolution",)
-    assert doubts([picture(0.7), picture(0.5)]) == ()
-    assert doubts([picture(0.7)], unit_volume=0.0) == ()
+    assert doubts([picture(1.1), picture(1.2)]) == ("low_resolution",)
+    assert doubts([picture(1.1), picture(0.5)]) == ()
+    assert doubts([picture(1.1)], unit_volume=0.0) == ()
 
 
 @pytest.mark.parametrize("few, said", [(4, ()), (6, ("blurred_pictures",))])
