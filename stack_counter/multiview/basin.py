@@ -148,8 +148,8 @@ def sides_show_parts(views: list[View], surface: np.ndarray) -> bool:
         faces = outwards @ _directions(view.T_world_camera[:2, 3] - middle) > SETTINGS.facing
         at = geometry.project_into(view, foot[faces])
         labels = require_labels(view)[at.rows, at.cols]
-        parts += np.count_nonzero(labels == PARTS)
-        shown += np.count_nonzero(np.isin(labels, (CONTAINER, PARTS)))
+        parts += int(np.count_nonzero(labels == PARTS))
+        shown += int(np.count_nonzero(np.isin(labels, (CONTAINER, PARTS))))
     return parts > SETTINGS.min_foot_parts * shown
 
 
