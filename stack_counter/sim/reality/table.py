@@ -83,8 +83,8 @@ def summarize(rows: Sequence[Row]) -> list[str]:
         errors = np.array([row.difference for row in chosen])
         worst = chosen[int(np.argmax(abs(errors)))]
         in_gamma = np.mean([abs(row.gamma_difference) for row in chosen])
-        lines.append(f"{len(chosen)} {word}: mean absolute error {abs(errors).mean():.3f} (in gamma, "
-                     f"hollow parts too, {in_gamma:.3f}), bias {errors.mean():+.3f}, worst "
+        lines.append(f"{len(chosen)} {word}: mean absolute error {abs(errors).mean():.3f} (in "
+                     f"gamma, hollow parts too, {in_gamma:.3f}), bias {errors.mean():+.3f}, worst "
                      f"{worst.experiment.name} ({worst.experiment.pour}) {worst.difference:+.3f}.")
     cpu_s = [pile.cpu_s for row in rows for pile in row.piles]
     tries = sum(pile.tries for row in rows for pile in row.piles)
