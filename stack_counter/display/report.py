@@ -12,7 +12,6 @@ import cv2
 
 from stack_counter import geometry
 from stack_counter.display.drawings import draw_container, draw_heights, draw_labels, write_ply
-from stack_counter.display.page.report_files import write_page
 from stack_counter.display.page.subject import ReportSubject
 from stack_counter.display.result_schema import SCHEMA_VERSION, STAGES
 from stack_counter.types import Container, Reason, StackCount
@@ -121,6 +120,8 @@ def write_report(folder: Path, count: StackCount, counts: list[dict[str, Any]],
     Raises:
         OSError: the folder cannot be written.
     """
+    from stack_counter.display.page.report_files import write_page  # no node waits for it
+
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "result.json").write_text(json.dumps(as_dict(count, counts), indent=2) + "\n")
     volume = count.volume

@@ -20,7 +20,7 @@ _OPTIONS = ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--no-f
             "--disable-background-networking", "--disable-extensions", "--disable-sync",
             "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
             "--remote-debugging-port=0", "--remote-allow-origins=*"]
-_TIMEOUT_S = 90.0
+_TIMEOUT_S = 200.0
 
 
 class Page:
@@ -33,7 +33,7 @@ class Page:
 
     def __init__(self, socket):
         self.requests, self.errors = [], []
-        self._socket, self._numbers = socket, itertools.count(1)
+        self._socket, self._numbers, self._loads = socket, itertools.count(1), 0
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.call(f"{domain}.enable")
 
@@ -41,14 +41,14 @@ class Page:
         """Returns the result of a command; notes what happens meanwhile."""
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": params}))
-        while True:
-            message = json.loads(self._socket.recv(timeout=_TIMEOUT_S))
-            if message.get("id") == number:
-                assert "error" not in message, message
-                return message["result"]
-            self._note(message)
+        while (message := self._next_message()).get("id") != number:
+            pass
+        assert "error" not in message, message
+        return message["result"]
 
-    def _note(self, message):
+    def _next_message(self):
+        """Returns the next message, and notes what it says happened."""
+        message = json.loads(self._socket.recv(timeout=_TIMEOUT_S))
         method, params = message.get("method"), message.get("params", {})
         if method == "Network.requestWillBeSent":
             url = params["request"]["url"]
@@ -58,6 +58,8 @@ class Page:
             self.errors.append(params["entry"]["text"])
         elif method == "Runtime.exceptionThrown":
             self.errors.append(json.dumps(params["exceptionDetails"]))
+        self._loads += method == "Page.loadEventFired"
+        return message
 
     def look(self, width, height=900, dark=False, script=True, media="screen"):
         """Sets what the page is looked at with; before it is opened."""
@@ -68,10 +70,11 @@ class Page:
             {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}])
 
     def open(self, path):
-        """Opens a file and waits until it is there."""
+        """Opens a file, forgets what was noted before, and waits until the page is there."""
+        self.requests, self.errors, before = [], [], self._loads
         self.call("Page.navigate", url=path.as_uri())
-        self.value("new Promise(done => document.readyState == 'complete' ? done(1) : "
-                   "addEventListener('load', () => done(1)))")
+        while self._loads == before:
+            self._next_message()
 
     def value(self, expression):
         """Returns the value of a JavaScript expression, awaited."""
@@ -80,14 +83,21 @@ class Page:
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
-    def screenshot(self, selector=None):
-        """Returns (h, w, 3) uint8 BGR of the whole page, or of an element."""
-        box = self.value(
-            f"(() => {{ const b = document.querySelector({json.dumps(selector or 'html')})"
-            ".getBoundingClientRect(); return [b.x + scrollX, b.y + scrollY, b.width, b.height]; "
-            "})()")
-        clip = dict(zip(("x", "y", "width", "height"), box), scale=1)
-        data = self.call("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)["data"]
+    def screenshot(self, selector):
+        """Returns (h, w, 3) uint8 BGR of an element, as far as the window shows it."""
+        left, top, right, bottom = self.value(
+            f"(() => {{ const shown = document.querySelector('{selector}'); "
+            "shown.scrollIntoView(); const b = shown.getBoundingClientRect(); "
+            "return [b.left, b.top, b.right, b.bottom].map(Math.round); })()")
+        picture = self._captured()
+        return picture[max(top, 0):bottom, max(left, 0):right]
+
+    def whole_page(self):
+        """Returns (h, w, 3) uint8 BGR of the whole page, however long."""
+        return self._captured(captureBeyondViewport=True)
+
+    def _captured(self, **how):
+        data = self.call("Page.captureScreenshot", **how)["data"]
         return cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR)
 
     def pdf(self):

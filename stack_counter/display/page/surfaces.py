@@ -117,8 +117,9 @@ def _corners(ring: np.ndarray) -> np.ndarray:
     return np.flatnonzero(cosine < np.cos(np.deg2rad(30)))
 
 
-_BOX_TRIANGLES = np.array([[0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4],
-                           [2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5]])
+# Corner 4 a + 2 b + c lies at (a, b, c) of a right-handed frame; outer faces counter-clockwise.
+_BOX_TRIANGLES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+                           [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])
 
 
 def _bar(start: np.ndarray, end: np.ndarray, width: float) -> np.ndarray:
@@ -128,7 +129,7 @@ def _bar(start: np.ndarray, end: np.ndarray, width: float) -> np.ndarray:
     other = np.array([0.0, 0, 1]) if abs(along[2]) < 0.9 else np.array([1.0, 0, 0])
     side = np.cross(along, other)
     side *= width / 2 / np.linalg.norm(side)
-    up = np.cross(side, along)
+    up = np.cross(along, side)
     ends = (start - along * width / 2, end + along * width / 2)
     return np.array([p + a * side + b * up for p in ends for a in (-1, 1) for b in (-1, 1)])
 
