@@ -69,7 +69,7 @@ def test_the_page_says_all_of_the_count(page):
     low, high = count.count_interval
     for words in ("100 parts", f"90% sure: {low} to {high}", "✕ Fail", "expected 120 ± 2", "✓ OK",
                   "Really there: 101", "= 0.400 · 3000.0 cm³ / 12 cm³", Reason.ONE_SIDE.sentence,
-                  "11 of 14", "2: blurred", "1: no tf", "V = 3000.0 ± 60.0 cm³", "seen 2400 cm³",
+                  "11 of 14", "blurred: 2", "no tf: 1", "V = 3000.0 ± 60.0 cm³", "seen 2400 cm³",
                   "filled in, unseen 400 cm³", "beside the wall 200 cm³", "γ = 0.400 ± 0.020",
                   "network 25%", "counted bins of the part (3) 75%", "300 × 200 × 100 mm",
                   "50% (lowest 0%, highest 100%)", "fusing views 1.50 s", "2023-11-14 22:13:20",
@@ -145,6 +145,12 @@ def test_words_stand_out_from_their_ground(scheme):
         assert contrast(colors[ink], colors[ground]) >= 4.5, (ink, ground)
     for ink in ("s0", "s1"):  # surfaces of a chart (WCAG asks for 3 to 1) against text's ground
         assert contrast(colors[ink], colors["card"]) >= 2, ink
+
+
+def test_levels_stand_out_from_the_colour_of_their_cell(page):
+    cells = re.findall(r"background:(#\w+);color:(#\w+)", page)
+    assert len(cells) == 40
+    assert min(contrast(*cell) for cell in cells) >= 4.5
 
 
 @pytest.mark.parametrize("missing", BLINDNESS)

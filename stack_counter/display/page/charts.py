@@ -25,6 +25,7 @@ class ChartSettings:
         min_cell_share: share of a cell of the grid that lies over the opening, or else it is
             empty.
         ticks: about so many of an axis.
+        dark_below: luminance of a ground below which white text stands out more than black.
     """
 
     max_bars: int = 28
@@ -32,6 +33,7 @@ class ChartSettings:
     grid_cells: int = 8
     min_cell_share: float = 0.25
     ticks: int = 5
+    dark_below: float = 0.18
 
 
 SETTINGS = ChartSettings()
@@ -164,9 +166,9 @@ def _grid_cell(level: float, share: float) -> GridCell:
         return GridCell("")
     color = cv2.applyColorMap(np.array([[255 * min(max(share, 0), 1)]], np.uint8),
                               cv2.COLORMAP_VIRIDIS)[0, 0, ::-1]
-    bright = float(color @ [0.2126, 0.7152, 0.0722]) > 105
+    luminance = float((color / 255) ** 2.2 @ [0.2126, 0.7152, 0.0722])
     return GridCell(f"{level:.0f}", "#{:02x}{:02x}{:02x}".format(*color),
-                    "#111" if bright else "#fff")
+                    "#000" if luminance > SETTINGS.dark_below else "#fff")
 
 
 @dataclass(frozen=True)
