@@ -124,6 +124,7 @@ def write_report(folder: Path, count: StackCount, counts: list[dict[str, Any]],
 
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "result.json").write_text(json.dumps(as_dict(count, counts), indent=2) + "\n")
+    beside = ["result.json"]
     volume = count.volume
     pictures = {}
     if volume.top is not None:
@@ -135,6 +136,8 @@ def write_report(folder: Path, count: StackCount, counts: list[dict[str, Any]],
     for name, picture in pictures.items():
         if not cv2.imwrite(str(folder / name), picture):
             raise OSError(f"cannot write {folder / name}")
+        beside.append(name)
     if volume.mesh is not None and len(volume.mesh.vertices):
         write_ply(folder / "surface.ply", volume.mesh)
-    write_page(folder, count, subject)
+        beside.append("surface.ply")
+    write_page(folder, count, subject, beside)

@@ -177,6 +177,25 @@ def test_a_count_that_came_by_message_has_a_model_of_its_top_surface(tmp_path):
     assert "Parts of V" not in text and not (tmp_path / "surface.ply").exists()
 
 
+def test_a_large_scan_stays_below_4_mb(tmp_path):
+    """A surface of half a million triangles, rough and in all colours, and a 2 megapixel view."""
+    random, side = np.random.default_rng(0), 500
+    rows, cols = np.mgrid[:side, :side]
+    height = 0.05 + 0.01 * np.sin(cols / 5) * np.sin(rows / 5) + random.normal(0, 5e-4, rows.shape)
+    index = np.arange(rows.size).reshape(rows.shape)
+    a, b, c, d = (i.ravel() for i in (index[:-1, :-1], index[:-1, 1:], index[1:, :-1],
+                                      index[1:, 1:]))
+    mesh = Mesh(np.stack([(cols / side - .5) * .36, (rows / side - .5) * .26, height], axis=-1)
+                .reshape(-1, 3).astype(np.float32),
+                np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
+                .astype(np.int32), random.integers(0, 255, (rows.size, 3)).astype(np.uint8))
+    view = counted_bin().volume.key_view
+    color = cv2.GaussianBlur(random.integers(0, 255, (1200, 1600, 3)).astype(np.uint8), (0, 0), 3)
+    view = replace(view, color=cv2.normalize(color, None, 0, 255, cv2.NORM_MINMAX), depth=None,
+                   labels=cv2.resize(view.labels, (1600, 1200), interpolation=cv2.INTER_NEAREST))
+    assert 2e6 < len(written(tmp_path, counted_bin(mesh=mesh, key_view=view))) < 4e6
+
+
 @pytest.mark.parametrize("changes", [
     {"mesh": Mesh(np.random.default_rng(0).random((500, 3)).astype(np.float32),
                   np.zeros((0, 3), np.int32)),

@@ -29,7 +29,7 @@ class PictureSettings:
     """
 
     webp_quality: int = 82
-    max_side_px: int = 1280
+    max_side_px: int = 1024
     tint_alpha: int = 100
     scale_mm: tuple[int, ...] = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
     scale_share: float = 0.4

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -21,13 +22,15 @@ from stack_counter.types import StackCount
 PAGE, MODEL, PICTURE = "report.html", "surface.glb", "surface.png"
 
 
-def write_page(folder: Path, count: StackCount, subject: ReportSubject) -> None:
+def write_page(folder: Path, count: StackCount, subject: ReportSubject,
+               beside: Iterable[str]) -> None:
     """Writes the page, and beside it the model and its picture where a surface is known.
 
     Args:
-        folder: is there; the page links to what of a report it holds.
+        folder: is there.
         count: final count.
         subject: what it is of.
+        beside: names of the other files of the report in that folder, to which the page links.
 
     Raises:
         OSError: the folder cannot be written.
@@ -35,7 +38,7 @@ def write_page(folder: Path, count: StackCount, subject: ReportSubject) -> None:
     shown = {"surface": surface_to_show(count.volume),
              "container": container_to_show(count.volume)}
     meshes = {name: mesh for name, mesh in shown.items() if mesh is not None}
-    glb, poster = b"", ""
+    files, glb, poster = list(beside), b"", ""
     if shown["surface"] is not None:
         T = count.volume.container.T_world_container
         picture = draw_poster(meshes.values(), math.atan2(T[1, 0], T[0, 0]))
@@ -43,9 +46,8 @@ def write_page(folder: Path, count: StackCount, subject: ReportSubject) -> None:
         (folder / MODEL).write_bytes(glb)
         if not cv2.imwrite(str(folder / PICTURE), _on_white(picture)):
             raise OSError(f"cannot write {folder / PICTURE}")
-    files = sorted(path.name for path in folder.iterdir()
-                   if path.suffix in (".glb", ".json", ".ply", ".png"))
-    write_atomically(folder / PAGE, render_page(count, subject, glb, poster, files))
+        files += [MODEL, PICTURE]
+    write_atomically(folder / PAGE, render_page(count, subject, glb, poster, sorted(files)))
 
 
 def _on_white(picture: np.ndarray) -> np.ndarray:

@@ -31,8 +31,8 @@ class SurfaceSettings:
         floor_tolerance_m: height above the floor up to which the inner surface is floor, m.
     """
 
-    max_triangles: int = 36_000
-    max_triangles_around: int = 16_000
+    max_triangles: int = 32_000
+    max_triangles_around: int = 12_000
     max_voxels: int = 3_500
     margin: float = 0.15
     line_width: float = 0.009
