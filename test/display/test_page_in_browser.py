@@ -46,6 +46,12 @@ def test_the_model_loads_and_nothing_is_requested(browser, path):
     assert browser.value("document.querySelector('#model').classList.contains('ready')")
     assert browser.requests == [path.as_uri()]
     assert browser.errors == []
+    # A button looks at it from above.
+    browser.value("document.querySelector('button:nth-child(2)').click()")
+    assert browser.value("""(async viewer => {
+        viewer.jumpCameraToGoal();
+        await viewer.updateComplete;
+        return viewer.getCameraOrbit().phi; })(document.querySelector('model-viewer'))""") < 0.01
     # The model is drawn: its red and its blue half, and the ground of the page beside them.
     picture = browser.screenshot("model-viewer").astype(int)
     blue, _, red = np.moveaxis(picture, -1, 0)
