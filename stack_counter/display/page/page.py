@@ -63,7 +63,7 @@ def _orbits(count: StackCount) -> dict[str, str]:
     """Returns places of the viewer's camera by name, the container standing straight."""
     T = count.volume.container.T_world_container
     yaw = math.degrees(math.atan2(T[1, 0], T[0, 0]))
-    return {name: f"{azimuth + yaw:.1f}deg {polar:.0f}deg 106%" for name, azimuth, polar in (
+    return {name: f"{azimuth + yaw:.1f}deg {polar:.0f}deg 101%" for name, azimuth, polar in (
         ("Oblique", POSTER.azimuth_deg, POSTER.polar_deg), ("Above", 0, 0), ("Side", 0, 78))}
 
 
