@@ -46,7 +46,8 @@ def add_replay(commands: argparse._SubParsersAction) -> None:
     replay.add_argument("--json", type=Path, metavar="OUT", help="write the result here")
     replay.add_argument("--json-schema", action=_PrintSchema, nargs=0,
                         help="print the JSON schema of that, and do nothing else")
-    replay.add_argument("--report", type=Path, metavar="DIR", help="write pictures here")
+    replay.add_argument("--report", type=Path, metavar="DIR",
+                        help="write the report page, its model and its pictures here")
     how = replay.add_mutually_exclusive_group()
     how.add_argument("--nodes", dest="nodes", action="store_true", default=True,
                      help="through the three ROS 2 nodes (default)")
