@@ -54,6 +54,7 @@ LIBRARIES = {
     r"torch": "occupancy container segmentation train",
     r"sapien|coacd|manifold3d": "sim",
     r"matplotlib": "sim train eval",
+    r"jinja2": "display",
 }
 ROS_AND_BAGS = ("rclpy", "mcap", "rosbags", "sapien", "coacd", "manifold3d")
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
