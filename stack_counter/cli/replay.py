@@ -19,16 +19,13 @@ from stack_counter.cli.common import (
     require_bag,
 )
 from stack_counter.config import Config, CounterConfig, build_section, load_config
-from stack_counter.container.catalogue import configured_container
-from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError
 from stack_counter.files import config_path
-from stack_counter.occupancy import make_estimator
-from stack_counter.parts.catalogue import Part, resolve_part
 from stack_counter.progress import progress_bar
 
 if TYPE_CHECKING:
     from stack_counter.bag.replayed import Replayed
+    from stack_counter.parts.catalogue import Part
 
 
 def add_replay(commands: argparse._SubParsersAction) -> None:
@@ -78,6 +75,10 @@ class _PrintSchema(argparse.Action):
 
 def _replay(options: argparse.Namespace) -> int:
     begin = time.perf_counter()
+    # Not at the top: they take longer to load than help may take.
+    from stack_counter.container.catalogue import configured_container
+    from stack_counter.occupancy import make_estimator
+
     # Refuse at once what cannot be counted.
     config = _settings(options)
     part = _part(options, config)
@@ -128,6 +129,9 @@ def _settings(options: argparse.Namespace) -> Config:
 
 def _part(options: argparse.Namespace, config: Config) -> Part:
     """The part that the command line, else the settings name."""
+    from stack_counter.counting import check_unit_volume
+    from stack_counter.parts.catalogue import resolve_part
+
     if options.unit_volume_cm3 is not None:
         unit_volume = check_unit_volume(options.unit_volume_cm3 * 1e-6)
         return resolve_part("", unit_volume, config.counter.part_catalogue)
