@@ -56,6 +56,7 @@ LIBRARIES = {
     r"tqdm": "progress",
     r"pycolmap|PIL|pillow_heif": "pictures",
     r"torch": "occupancy container segmentation train",
+    r"onnx|onnxruntime": "occupancy",
     r"sapien|coacd|manifold3d": "sim",
     r"matplotlib": "sim train eval",
 }
