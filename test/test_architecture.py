@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parent.parent / "stack_counter"
 
 # The ground: modules directly in the package. Each may import those before it.
 GROUND = ("errors", "types", "named_region", "parameter_files", "config", "rotations", "geometry",
-          "files", "pretrained", "counting", "child_processes", "progress")
+          "files", "pretrained", "inference", "counting", "child_processes", "progress")
 # Package -> which others it may import besides the ground; only what stands above it here.
 LAYERS = {
     "lean_open3d": (), "views": ("lean_open3d",), "fusion": ("lean_open3d",), "display": (),
@@ -55,8 +55,9 @@ LIBRARIES = {
     r"small_gicp": "fusion",
     r"tqdm": "progress",
     r"pycolmap|PIL|pillow_heif": "pictures",
-    r"torch": "occupancy container segmentation train",
-    r"onnx|onnxruntime": "occupancy",
+    r"torch": "occupancy segmentation train",
+    r"onnx": "train",
+    r"onnxruntime": "inference",
     r"sapien|coacd|manifold3d": "sim",
     r"matplotlib": "sim train eval",
 }

@@ -15,12 +15,12 @@ from safetensors.torch import save_file
 from torch import nn
 
 from stack_counter.errors import WeightsError
+from stack_counter.inference import GRAPH
 from stack_counter.occupancy.ensemble import EnsembleOutput
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.weights_file import (
     CALIBRATION,
     FORMAT,
-    GRAPH,
     read_network_file,
     unlike_its_networks,
 )
@@ -73,7 +73,7 @@ def make_net(encoder: str, folder: Path | None) -> nn.Module:
 
 
 def save_members(path: Path, members: Sequence[nn.Module], facts: Mapping[str, str],
-                 calibration: Mapping[str, np.ndarray], graph: bytes = b"") -> None:
+                 calibration: Mapping[str, np.ndarray], graph: np.ndarray | None = None) -> None:
     """Writes an ensemble of equal networks.
 
     Of a network with DINOv2 the decoder alone is written: the encoder is the user's.
@@ -83,7 +83,8 @@ def save_members(path: Path, members: Sequence[nn.Module], facts: Mapping[str, s
         members: networks, kept in half precision.
         facts: texts for the metadata.
         calibration: arrays by name, kept in their own precision.
-        graph: of the networks as `onnx_export.export_graph` gives it; empty: only torch runs them.
+        graph: of the networks, (n,) uint8, as `train.onnx_export` gives it; None: only torch can
+            run them.
     """
     first = members[0]
     config = {"encoder": "own", **asdict(first.config)} if isinstance(first, GammaNet) \
@@ -93,8 +94,8 @@ def save_members(path: Path, members: Sequence[nn.Module], facts: Mapping[str, s
                if _is_stored(net, name)}
     tensors |= {CALIBRATION + name: torch.from_numpy(np.asarray(values))
                 for name, values in calibration.items()}
-    if graph:
-        tensors[GRAPH] = torch.frombuffer(bytearray(graph), dtype=torch.uint8)
+    if graph is not None:
+        tensors[GRAPH] = torch.from_numpy(graph.copy())
     save_file({name: value.contiguous() for name, value in tensors.items()}, path, metadata={
         "format": FORMAT, "config": json.dumps(config), "members": str(len(members)), **facts})
 

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An ensemble of networks as the estimator asks it, and as ONNX Runtime runs it, without torch."""
+"""An ensemble of networks as the estimator asks it, and as ONNX Runtime runs it."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+
+from stack_counter.inference import NetworkSession
 
 
 class EnsembleOutput(NamedTuple):
@@ -31,30 +32,12 @@ Ensemble = Callable[[np.ndarray], EnsembleOutput]
 
 
 class OnnxEnsemble:
-    """Runs the graph of an ensemble by ONNX Runtime."""
+    """Networks of one file, run by ONNX Runtime."""
 
-    def __init__(self, graph: bytes, tensors: Mapping[str, np.ndarray]):
-        """Loads graph and weights.
-
-        Args:
-            graph: as `onnx_export.export_graph` gives it.
-            tensors: weights by their names in the graph, in half or single precision.
-
-        Raises:
-            Exception: ONNX Runtime's own; the graph is none, or lacks weights.
-        """
-        import onnxruntime  # loaded where a network runs, and nowhere else
-
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = int(os.environ.get("OMP_NUM_THREADS", 0))  # 0: all cores
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-        # Weights are kept here until the session has taken them over.
-        weights = {name: onnxruntime.OrtValue.ortvalue_from_numpy(values.astype(np.float32))
-                   for name, values in tensors.items()}
-        options.add_external_initializers(list(weights), list(weights.values()))
-        self._session = onnxruntime.InferenceSession(graph, options,
-                                                     providers=["CPUExecutionProvider"])
+    def __init__(self, session: NetworkSession):
+        """`session`: of a graph that `train.onnx_export.export_ensemble` has written."""
+        self._session = session
 
     def __call__(self, tiles: np.ndarray) -> EnsembleOutput:
         """Estimates tiles."""
-        return EnsembleOutput(*self._session.run(list(EnsembleOutput._fields), {"tiles": tiles}))
+        return EnsembleOutput(*self._session(tiles=tiles))

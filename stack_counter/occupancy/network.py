@@ -13,6 +13,7 @@ from typing_extensions import override
 
 from stack_counter.errors import WeightsError
 from stack_counter.files import shipped_weights
+from stack_counter.inference import GRAPH, NetworkSession
 from stack_counter.occupancy.ensemble import Ensemble, OnnxEnsemble
 from stack_counter.occupancy.estimator import OccupancyEstimator
 from stack_counter.occupancy.maps import (
@@ -30,7 +31,6 @@ from stack_counter.occupancy.weights_file import (
     read_network_file,
     read_tuning,
     tuned_name,
-    unlike_its_networks,
 )
 from stack_counter.types import OccupancyEstimate, Reason, StackVolume
 
@@ -200,14 +200,11 @@ def _load_ensemble(path: Path, file: NetworkFile, encoder_folder: Path | None) -
     Raises:
         WeightsError: the file lacks what its networks need.
     """
-    if not file.graph:
+    if GRAPH not in file.tensors:
         from stack_counter.occupancy.checkpoint import TorchEnsemble, load_members  # seconds
 
         return TorchEnsemble(load_members(path, encoder_folder).members)
-    try:
-        return OnnxEnsemble(file.graph, file.tensors)
-    except Exception as error:  # ONNX Runtime has classes of its own, which share no other base
-        raise unlike_its_networks(path, error) from error
+    return OnnxEnsemble(NetworkSession(path, file.tensors))
 
 
 def predict_gamma(ensemble: Ensemble, maps: StackMaps, tuning: LastLayerTuning | None = None

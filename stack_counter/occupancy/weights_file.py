@@ -18,7 +18,6 @@ from stack_counter.files import read_weights
 FORMAT = "stack_counter gamma 1"
 TUNING_FORMAT = "stack_counter tuning 1"
 CALIBRATION = "calibration."  # what the names of calibration tensors begin with
-GRAPH = "graph"
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +27,8 @@ class NetworkFile:
     Attributes:
         config: the networks' architecture, `encoder` among it.
         members: number of networks.
-        tensors: their weights by name, which begins with the member's number.
-        graph: ONNX graph of the ensemble, without weights; empty: only torch can run it.
+        tensors: their weights by name, which begins with the member's number; and their graph,
+            if ONNX Runtime can run them.
         facts: texts of the file's metadata, such as `version`.
         calibration: float64 arrays by name.
     """
@@ -37,7 +36,6 @@ class NetworkFile:
     config: dict[str, Any]
     members: int
     tensors: dict[str, np.ndarray]
-    graph: bytes
     facts: dict[str, str]
     calibration: dict[str, np.ndarray]
 
@@ -72,9 +70,8 @@ def read_network_file(path: Path) -> NetworkFile:
     calibration = {name.removeprefix(CALIBRATION): values.astype(float)
                    for name, values in file.tensors.items() if name.startswith(CALIBRATION)}
     weights = {name: values for name, values in file.tensors.items()
-               if name != GRAPH and not name.startswith(CALIBRATION)}
-    graph = file.tensors[GRAPH].tobytes() if GRAPH in file.tensors else b""
-    return NetworkFile(config, members, weights, graph, file.metadata, calibration)
+               if not name.startswith(CALIBRATION)}
+    return NetworkFile(config, members, weights, file.metadata, calibration)
 
 
 def unlike_its_networks(path: Path, error: Exception) -> WeightsError:

@@ -23,11 +23,11 @@ from stack_counter.errors import ConfigError
 from stack_counter.occupancy.checkpoint import TorchEnsemble, save_members
 from stack_counter.occupancy.maps import surface_features
 from stack_counter.occupancy.network import predict_gamma
-from stack_counter.occupancy.onnx_export import export_graph
 from stack_counter.occupancy.training_domain import TrainingDomain, assess_doubt
 from stack_counter.train.data.batches import assign_folds
 from stack_counter.train.data.fused import FusedScan, read_scans
 from stack_counter.train.member import read_member
+from stack_counter.train.onnx_export import export_ensemble
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def main() -> int:
                             text=True, check=False).stdout.strip()
     facts = {"version": options.version, "commit": commit, "errors": json.dumps(errors)}
     nets = list(members.values())
-    graph = export_graph(nets) if options.encoder_weights is None else b""
+    graph = export_ensemble(nets) if options.encoder_weights is None else None
     save_members(options.out, nets, facts, calibration, graph)
     print(json.dumps(errors, indent=2))
     _print_by_container(around)

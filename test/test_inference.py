@@ -11,7 +11,7 @@ from kits.surfaces import sine_hills, stack_volume_of_heights
 
 from stack_counter.errors import WeightsError
 from stack_counter.files import shipped_weights
-from stack_counter.occupancy import onnx_export
+from stack_counter.inference import GRAPH, NetworkSession
 from stack_counter.occupancy.baselines import Baselines, Prior
 from stack_counter.occupancy.checkpoint import TorchEnsemble, load_members, save_members
 from stack_counter.occupancy.ensemble import OnnxEnsemble
@@ -19,6 +19,7 @@ from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.maps import CHANNELS, TILE, stack_maps
 from stack_counter.occupancy.network import SHIPPED, NetworkEstimator, predict_gamma
 from stack_counter.occupancy.weights_file import read_network_file
+from stack_counter.train.onnx_export import StackedNets, check_graph, export_ensemble
 
 V = 0.012**3
 SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16, scales=2)
@@ -27,9 +28,12 @@ SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16, scales=2)
 @pytest.fixture(scope="module")
 def ensembles():
     """The shipped networks by torch and by ONNX Runtime."""
-    file = read_network_file(shipped_weights(SHIPPED))
-    return (TorchEnsemble(load_members(shipped_weights(SHIPPED)).members),
-            OnnxEnsemble(file.graph, file.tensors))
+    path = shipped_weights(SHIPPED)
+    return TorchEnsemble(load_members(path).members), by_onnx_runtime(path)
+
+
+def by_onnx_runtime(path):
+    return OnnxEnsemble(NetworkSession(path, read_network_file(path).tensors))
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +42,7 @@ def small(tmp_path_factory):
     torch.manual_seed(0)
     nets = [GammaNet(SMALL).eval() for _ in range(2)]
     path = tmp_path_factory.mktemp("small") / "w.safetensors"
-    save_members(path, nets, {}, {}, onnx_export.export_graph(nets))
+    save_members(path, nets, {}, {}, export_ensemble(nets))
     return path
 
 
@@ -58,29 +62,29 @@ def test_the_shipped_networks_predict_the_same_gamma(ensembles):
 
 
 def test_a_file_with_a_graph_keeps_its_weights(small):
-    file = read_network_file(small)
     inputs = np.random.default_rng(0).random((2, CHANNELS, TILE, TILE), np.float32)
     expected = TorchEnsemble(load_members(small).members)(inputs)
-    for ours, theirs in zip(OnnxEnsemble(file.graph, file.tensors)(inputs), expected):
+    for ours, theirs in zip(by_onnx_runtime(small)(inputs), expected):
         assert ours == pytest.approx(theirs, abs=1e-5)
 
 
 def test_a_graph_without_its_weights_is_refused(small, tmp_path):
-    file, path = read_network_file(small), tmp_path / "w.safetensors"
+    graph, path = read_network_file(small).tensors[GRAPH], tmp_path / "w.safetensors"
     calibration = read_network_file(shipped_weights(SHIPPED)).calibration
-    save_members(path, [GammaNet(SMALL)], {}, calibration, file.graph)  # one of two
-    with pytest.raises(WeightsError, match="does not hold the networks it names"):
+    save_members(path, [GammaNet(SMALL)], {}, calibration, graph)  # one of two
+    with pytest.raises(WeightsError, match="does not hold the network it names"):
         NetworkEstimator(path, Prior(Baselines()))
-    save_members(path, [GammaNet(SMALL)], {}, calibration, b"no graph")
-    with pytest.raises(WeightsError, match="does not hold the networks it names"):
+    save_members(path, [GammaNet(SMALL)], {}, calibration, graph[:99])
+    with pytest.raises(WeightsError, match="does not hold the network it names"):
         NetworkEstimator(path, Prior(Baselines()))
 
 
 def test_a_graph_of_another_architecture_is_noticed(small):
     whole = NetConfig(SMALL.widths, SMALL.blocks, SMALL.hidden, by_height=False, scales=2)
     nets = [GammaNet(whole).eval() for _ in range(2)]
-    with pytest.raises(WeightsError, match="differs by .* from torch's; expected at most 1e-05"):
-        onnx_export.check_graph(read_network_file(small).graph, nets)
+    with pytest.raises(WeightsError, match="differs by .* from torch; expected at most 1e-05"):
+        check_graph(read_network_file(small).tensors[GRAPH], StackedNets(nets),
+                    {"tiles": (CHANNELS, TILE, TILE)})
 
 
 def test_the_default_estimator_loads_no_torch():
