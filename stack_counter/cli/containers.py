@@ -60,7 +60,7 @@ def _nonempty(text: str) -> str:
 
 
 def _teach(options: argparse.Namespace) -> int:
-    # Not at the top: it takes longer to load than help may take.
+    # Not at the top: help is to load none of it.
     from stack_counter.container.catalogue import (
         catalogue_path,
         describe_container,

@@ -75,18 +75,19 @@ class _PrintSchema(argparse.Action):
 
 def _replay(options: argparse.Namespace) -> int:
     begin = time.perf_counter()
-    # Not at the top: they take longer to load than help may take.
-    from stack_counter.container.catalogue import configured_container
-    from stack_counter.occupancy import make_estimator
-
-    # Refuse at once what cannot be counted.
+    # Refuse at once what cannot be counted, with what that takes: help is to load none of it.
     config = _settings(options)
     part = _part(options, config)
     chosen_time_range(options)  # raises what is wrong with it
     require_bag(options.bag)
     if options.nodes:
+        from stack_counter.occupancy import make_estimator
+
         make_estimator(config.counter)  # raises what the counter could not load
-    configured_container(config.reconstructor)  # raises what the reconstructor could not load
+    if config.reconstructor.container:
+        from stack_counter.container.catalogue import configured_container
+
+        configured_container(config.reconstructor)  # raises what the reconstructor could not load
     if config.reconstructor.prompts:
         from stack_counter.bag.replay import check_prompts
 
