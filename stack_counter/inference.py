@@ -37,7 +37,8 @@ class NetworkSession:
             raise WeightsError(f"{path} has no graph; expected a file that training has written "
                                "with one")
         options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = int(os.environ.get("OMP_NUM_THREADS", 0))  # 0: all cores
+        threads = os.environ.get("OMP_NUM_THREADS", "").split(",")[0]
+        options.intra_op_num_threads = int(threads) if threads.isdecimal() else 0  # 0: all cores
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         weights = {name: onnxruntime.OrtValue.ortvalue_from_numpy(values.astype(np.float32))
                    for name, values in tensors.items() if name != GRAPH}
