@@ -306,7 +306,7 @@ fi
 check() {  # in a shell of its own: ROS's set-up files read variables that may be unset
   bash -c 'source "$1/ros.bash" && "$1/bin/python" -c "$2"' check "$venv" '
 import rclpy, stack_counter_msgs.msg, tf2_msgs.msg
-import cv2, open3d, torch'
+import cv2, onnxruntime, open3d, torch'
 }
 
 works=$(key "$dependencies" "$messages" "$package")
