@@ -15,6 +15,7 @@ VERSION = "0.1.0"
 
 REQUIRES = [
     "mcap>=1.6",  # (no key of its own: comes with mcap-ros2-support)
+    "jinja2>=3.1.6",
     "lz4>=4.4",  # (no key: comes with mcap)
     "mcap-ros2-support>=0.6",
     "numpy>=1.26.4",
@@ -112,7 +113,8 @@ if __name__ == "__main__":  # scripts/setup.sh imports the lists above
         author="stack_counter maintainers",
         python_requires=">=3.10,<3.14",
         packages=find_packages(include=[NAME, f"{NAME}.*"]),
-        package_data={NAME: ["py.typed", "weights/*"]},
+        package_data={NAME: ["py.typed", "weights/*", "display/page/*.j2", "display/page/*.css",
+                              "display/page/*.js", "display/page/model_viewer/*"]},
         data_files=[
             ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
             (f"share/{NAME}", ["package.xml"]),

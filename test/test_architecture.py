@@ -60,6 +60,7 @@ LIBRARIES = {
     r"onnxruntime": "inference",
     r"sapien|coacd|manifold3d": "sim",
     r"matplotlib": "sim train eval",
+    r"jinja2": "display",
 }
 ROS_AND_BAGS = ("rclpy", "mcap", "rosbags", "sapien", "coacd", "manifold3d")
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))

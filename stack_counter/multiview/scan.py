@@ -113,7 +113,7 @@ class StereoScan:
         return replace(
             heap, stack_volume=found.volume, stack_volume_std=found.volume_std, top=found.top,
             inner=inner, coverage=found.measured_share, fill_level=(0.0, 0.0, 0.0),
-            reasons=reasons, one_side=False,
+            reasons=reasons, one_side=False, volume_parts={},
             container=Container("hull", geometry.pose(np.eye(3), self.hull.middle)),
             mesh=Mesh(found.surface.astype(np.float32), np.zeros((0, 3), np.int32)))
 

@@ -189,6 +189,7 @@ class DepthReconstruction:
             one_side=one_side,
             mesh=color_mesh(surface.mesh, views),
             view_agreement_m=scan.agreement_m,
+            volume_parts=stack.integral.parts,
         )
 
     def key_view(self) -> KeyView | None:

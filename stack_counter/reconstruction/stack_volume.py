@@ -91,7 +91,8 @@ def _measure_in_container(surface: FusedSurface, container: Container, region: R
     opening = np.isfinite(inner.heights)
     top = surface.heights(inner.T_world_map, pitch, inner.heights.shape)
     seen = np.isfinite(top.heights)
-    heights = fill_unknown_cells(top.heights, _without_shoulder(opening))
+    inside = _without_shoulder(opening)
+    heights = fill_unknown_cells(top.heights, inside)
     # Replace the assumed floor by the visible one.
     if not floor_known:
         on_floor = opening & (inner.heights <= np.float32(container.floor_thickness_m))
@@ -106,7 +107,7 @@ def _measure_in_container(surface: FusedSurface, container: Container, region: R
     integral = integrate_fill((heights - inner.heights)[opening], seen[opening],
                               rim_opening.area / np.count_nonzero(opening),
                               model.hidden_share_one_side if one_side else model.hidden_share,
-                              model.worn_height_m)
+                              model.worn_height_m, ~inside[opening])
     boundary = StackBoundary(
         is_heap=False, rim_length=_rim_length(container), opening_area=rim_opening.area,
         assumed_floor=0.0 if floor_known else container.floor_thickness_m)

@@ -35,6 +35,9 @@ class StackVolume:
         region: name of the configured region that was measured; empty if none is named.
         view_agreement_m: median distance between the surfaces that different views show of one
             place, metres; 0 if unknown, as with one view.
+        volume_parts: what V is made of, m3, together V: `seen`, `filled` in where no view saw,
+            and `wall`, beside a wall, where the height is that of what lies next to it; empty
+            if unknown, as in a volume that came by message.
     """
 
     stamp_ns: int
@@ -54,6 +57,7 @@ class StackVolume:
     one_side: bool = False
     region: str = ""
     view_agreement_m: float = 0.0
+    volume_parts: dict[str, float] = field(default_factory=dict)
 
     @property
     def overfilled(self) -> bool:
@@ -110,6 +114,8 @@ class StackCount:
         status: `ok`, or `degraded` where one of the reasons degrades.
         reasons: what qualifies the count.
         seconds: time spent by stage, s.
+        distribution: (n,) float64 counts, rising, each as likely as the others: the estimator's
+            scores times the relative standard deviation; None in a count that came by message.
     """
 
     count: int
@@ -125,3 +131,4 @@ class StackCount:
     gamma_shares: dict[str, float] = field(default_factory=lambda: {"estimator": 1.0})
     counted_scans: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
+    distribution: np.ndarray | None = None

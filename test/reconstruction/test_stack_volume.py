@@ -51,6 +51,8 @@ def test_bin_is_found_and_filled_to_within_3_percent(wall, x, y, yaw):
     inner, fill = (0.3, 0.2, 0.12), 0.07
     scene = Scene().bin(inner, wall, wall, fill, x, y, yaw)
     result = reconstruct(scene, noise=0.001)
+    assert sum(result.volume_parts.values()) == pytest.approx(result.stack_volume)
+    assert 0 < result.volume_parts["wall"] < 0.1 * result.stack_volume
     box = result.container
     assert box.kind == "box"
     # Which of the two sides is called x is free.
