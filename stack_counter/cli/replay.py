@@ -20,16 +20,13 @@ from stack_counter.cli.common import (
     require_bag,
 )
 from stack_counter.config import Config, CounterConfig, build_section, load_config
-from stack_counter.container.catalogue import configured_container
-from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError
 from stack_counter.files import config_path
-from stack_counter.occupancy import make_estimator
-from stack_counter.parts.catalogue import Part, resolve_part
 from stack_counter.progress import progress_bar
 
 if TYPE_CHECKING:
     from stack_counter.bag.replayed import Replayed
+    from stack_counter.parts.catalogue import Part
 
 
 def add_replay(commands: argparse._SubParsersAction) -> None:
@@ -80,14 +77,19 @@ class _PrintSchema(argparse.Action):
 
 def _replay(options: argparse.Namespace) -> int:
     begin = time.perf_counter()
-    # Refuse at once what cannot be counted.
+    # Refuse at once what cannot be counted, with what that takes: help is to load none of it.
     config = _settings(options)
     part = _part(options, config)
     chosen_time_range(options)  # raises what is wrong with it
     require_bag(options.bag)
     if options.nodes:
+        from stack_counter.occupancy import make_estimator
+
         make_estimator(config.counter)  # raises what the counter could not load
-    configured_container(config.reconstructor)  # raises what the reconstructor could not load
+    if config.reconstructor.container:
+        from stack_counter.container.catalogue import configured_container
+
+        configured_container(config.reconstructor)  # raises what the reconstructor could not load
     if config.reconstructor.prompts:
         from stack_counter.bag.replay import check_prompts
 
@@ -130,6 +132,9 @@ def _settings(options: argparse.Namespace) -> Config:
 
 def _part(options: argparse.Namespace, config: Config) -> Part:
     """The part that the command line, else the settings name."""
+    from stack_counter.counting import check_unit_volume
+    from stack_counter.parts.catalogue import resolve_part
+
     if options.unit_volume_cm3 is not None:
         unit_volume = check_unit_volume(options.unit_volume_cm3 * 1e-6)
         return resolve_part("", unit_volume, config.counter.part_catalogue)

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stack_counter.files import shipped_weights
 from stack_counter.occupancy import OccupancyEstimator
+from stack_counter.occupancy.network import NetworkEstimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import CountedScan, scans_of_same_rig
 from stack_counter.parts.gamma_model import Reading, fill_size
@@ -20,9 +20,6 @@ from stack_counter.parts.part_models import PartModels, read_models
 from stack_counter.parts.scan_spread import NO_SPREAD, ScanSpread, spread_of, spread_of_kind
 from stack_counter.parts.scan_spread import SETTINGS as SPREAD_SETTINGS
 from stack_counter.types import OccupancyEstimate, Reason, StackVolume
-
-if TYPE_CHECKING:
-    from stack_counter.occupancy.network import NetworkEstimator
 
 SHIPPED = "parts.json"
 
@@ -58,10 +55,6 @@ def tuned_estimator(estimator: OccupancyEstimator, part: Part) -> OccupancyEstim
     """
     if part.tuned is None:
         return estimator
-    from stack_counter.occupancy.network import (
-        NetworkEstimator,  # brings in torch, which takes seconds
-    )
-
     if not isinstance(estimator, NetworkEstimator):
         return estimator
     return _tuned_network(estimator, part.tuned,

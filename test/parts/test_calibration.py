@@ -18,7 +18,7 @@ from stack_counter.errors import PartError
 from stack_counter.parts.calibration import calibrate, count_from_weight, history_at_volume
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import scans_of_same_rig
-from stack_counter.pipeline import count_stack
+from stack_counter.stack_count import count_stack
 
 
 @pytest.fixture

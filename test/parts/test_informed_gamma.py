@@ -18,7 +18,7 @@ from stack_counter.occupancy.baselines import Baselines, Prior
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import scans_of_same_rig
 from stack_counter.parts.informed_gamma import estimate_occupancy
-from stack_counter.pipeline import count_stack
+from stack_counter.stack_count import count_stack
 from stack_counter.types import Reason
 
 

@@ -130,8 +130,8 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
     fold = {"nut": 0, "tube": 1}
     seen = []
 
-    def predict(members, maps):
-        seen.append(members[0])
+    def predict(ensemble, maps):
+        seen.extend(ensemble._members)
         return GammaPrediction(0.0, 0.2, np.zeros(3))
     monkeypatch.setattr(calibrate, "predict_gamma", predict)
     nets = {0: GammaNet(SMALL), 1: GammaNet(SMALL)}
@@ -148,6 +148,8 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
 
 def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(checkpoint, "NetConfig", lambda *a: NetConfig(*a) if a else SMALL)
+    exported = []  # test_inference.py exports in truth, which takes seconds
+    monkeypatch.setattr(calibrate, "export_ensemble", exported.extend)
     run, scans = tmp_path / "run", tmp_path / "scans"
     run.mkdir()
     scans.mkdir()
@@ -165,5 +167,5 @@ def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys):
     assert calibrate.main() == 0
     assert "gamma_mae" in capsys.readouterr().out
     network = NetworkEstimator(out, Prior(Baselines()))
-    assert network.name == "network t1"
+    assert network.name == "network t1" and len(exported) == 5
     assert network._domain.distance(samples[0].maps) < 1.5
