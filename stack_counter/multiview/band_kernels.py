@@ -181,7 +181,7 @@ def _correlate(window: np.ndarray, grey: np.ndarray, size: np.ndarray, M: np.nda
 
 @_compiled
 def add_band_paths(cost: np.ndarray, grey: np.ndarray, start: np.ndarray, total: np.ndarray,
-                   step_cost: float, jump_cost: float, edge_grey: float) -> None:
+                   step_cost: float, jump_cost: float, edge_grey: float, forwards: bool) -> None:
     """Adds the costs of the cheapest paths from the left and from the three pixels above.
 
     Args:
@@ -191,6 +191,7 @@ def add_band_paths(cost: np.ndarray, grey: np.ndarray, start: np.ndarray, total:
         total: (h, w, planes) float32, added to.
         step_cost, jump_cost: costs of a step by one plane, and of a larger jump.
         edge_grey: difference of grey levels that halves the cost of a jump.
+        forwards: as said; else all is turned by 180 degrees: from the right and from below.
     """
     height, width, planes = cost.shape
     # Costs of the paths to the pixels of the row above and of this one, by direction.
@@ -198,11 +199,14 @@ def add_band_paths(cost: np.ndarray, grey: np.ndarray, start: np.ndarray, total:
     here = np.zeros((3, width, planes), np.float32)
     left = np.zeros(planes, np.float32)
     path = np.zeros(planes, np.float32)
-    for row in range(height):
-        for col in range(width):
+    sign = 1 if forwards else -1
+    for i in range(height):
+        row = i if forwards else height - 1 - i
+        for j in range(width):
+            col = j if forwards else width - 1 - j
             for way in range(4):  # from the left, from above left, above, above right
-                r, c = (row, col - 1) if way == 0 else (row - 1, col + way - 2)
-                if r < 0 or c < 0 or c >= width:
+                r, c = (row, col - sign) if way == 0 else (row - sign, col + sign * (way - 2))
+                if r < 0 or r >= height or c < 0 or c >= width:
                     for k in range(planes):
                         path[k] = cost[row, col, k]
                 else:

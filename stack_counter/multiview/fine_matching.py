@@ -82,10 +82,9 @@ def match_finely(picture: Picture, neighbours: Sequence[Picture], coarse: np.nda
                       settings.grey_noise, (len(neighbours) + 1) // 2)
     # Aggregate the costs along paths, four of them downwards and four upwards.
     total = np.zeros(cost.shape, np.float32)
-    for way in (slice(None), slice(None, None, -1)):
-        add_band_paths(cost[way, way], picture.grey[way, way], band.start[way, way],
-                       total[way, way], settings.step_cost, settings.jump_cost,
-                       settings.edge_grey)
+    for forwards in (True, False):
+        add_band_paths(cost, picture.grey, band.start, total, settings.step_cost,
+                       settings.jump_cost, settings.edge_grey, forwards)
     return pick_in_band(total, band.start, searched, len(planes), settings.min_margin)
 
 

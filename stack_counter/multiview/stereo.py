@@ -30,6 +30,7 @@ from stack_counter.multiview.plane_sweep import (
     sweep_planes,
 )
 from stack_counter.multiview.search_bounds import search_bounds
+from stack_counter.multiview.speckles import remove_speckles
 from stack_counter.multiview.visual_hull import VisualHull
 from stack_counter.segmentation.labels import require_labels
 from stack_counter.types import BACKGROUND, View
@@ -46,12 +47,10 @@ class StereoSettings:
         angle_share: where in that range the preferred angle lies, 0 to 1.
         radius: of the correlation window, pixels.
         min_planes, max_planes: range of the number of depths that are tried.
+        max_fine_planes: largest number of depths of which each pixel tries a few.
         step_cost, jump_cost: costs of a step by one plane and of a larger jump between
             neighbouring pixels.
         min_margin: lowest share by which the second best depth must cost more.
-        speckle_levels: steps between two planes in which islands are told apart.
-        min_speckle_px: smallest island that is kept, pixels.
-        pixels_per_speckle_px: the same for large pictures: one pixel for so many of the picture.
         tolerance: relative difference at which depths of two views agree.
         through_tolerances: relative difference, in tolerances, beyond which a view looks through
             a point.
@@ -67,12 +66,10 @@ class StereoSettings:
     radius: int = 1
     min_planes: int = 16
     max_planes: int = 224
+    max_fine_planes: int = 2000
     step_cost: int = 60
     jump_cost: int = 600
     min_margin: float = 0.02
-    speckle_levels: int = 16
-    min_speckle_px: int = 20
-    pixels_per_speckle_px: int = 5000
     tolerance: float = 0.01
     through_tolerances: float = 3.0
     agree_angle: float = 1.5
@@ -209,7 +206,7 @@ def _match_picture(view: View, picture: Picture, neighbours: list[Picture], hull
         position = match_finely(part, neighbours, guess[window], far > 0, planes)
     else:
         position = _sweep(part, neighbours, near, far, planes, settings)
-    position = _remove_speckles(position, part.grey.size, settings)
+    position = remove_speckles(position)
     # Turn positions among the planes into depth.
     inverse_depth = np.interp(position, np.arange(len(planes)), planes)
     out[window] = np.where(position >= 0, 1 / inverse_depth, out[window])
@@ -248,7 +245,7 @@ def _inverse_depths(view: View, neighbours: list[Picture], hull: VisualHull, nea
         hull: its middle is on the line whose pixels are counted.
         near, far: bounds of the depth, metres.
         settings: bounds of the number.
-        detailed: only some of them will be tried at a pixel, so that there may be any number.
+        detailed: each pixel will try a few of them, so that there may be many.
 
     Returns:
         (d,) float64, 1/m, from far to near.
@@ -261,29 +258,9 @@ def _inverse_depths(view: View, neighbours: list[Picture], hull: VisualHull, nea
         local = geometry.apply(geometry.inverse(other.T_world_camera), ends) @ other.K.T
         lengths.append(np.linalg.norm(np.diff(local[:, :2] / local[:, 2:], axis=0)))
     # Take a plane for each pixel of the longest.
-    most = np.inf if detailed else settings.max_planes
+    most = settings.max_fine_planes if detailed else settings.max_planes
     count = int(np.clip(np.max(lengths), settings.min_planes, most))
     return np.linspace(1 / far, 1 / near, count)
-
-
-def _remove_speckles(position: np.ndarray, pixels: int, settings: StereoSettings) -> np.ndarray:
-    """Smooths positions among the planes, and removes small islands that stand apart.
-
-    Args:
-        position: (h, w) float32, -1 where unknown.
-        pixels: number of pixels of the picture.
-        settings: what an island is.
-
-    Returns:
-        (h, w) float32, -1 where unknown or removed.
-    """
-    levels = settings.speckle_levels
-    smooth = cv2.medianBlur(position.astype(np.float32), 3)
-    position = np.where((position >= 0) & (smooth >= 0), smooth, -1)
-    steps = np.round(position * levels).astype(np.int16)
-    smallest = max(settings.min_speckle_px, pixels // settings.pixels_per_speckle_px)
-    cv2.filterSpeckles(steps, -levels, smallest, 2 * levels)
-    return np.where(steps >= 0, position, -1)
 
 
 def _consistent_depth(views: list[View], i: int, angles: np.ndarray, settings: StereoSettings
