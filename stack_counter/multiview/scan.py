@@ -48,7 +48,8 @@ class StereoScanSettings:
     Attributes:
         max_width_px: width up to which pictures are searched whole, pixels; larger ones are
             scaled down by a whole number.
-        max_fine_width_px: the same for the search near the surface that is found first.
+        max_fine_width_px: the same for the search near the surface that is found first; there is
+            none unless it is larger.
         hull_voxel_m: side of the voxels of the hull that bounds the depth, m.
         min_measured_share: least share of the stack's pixels that stereo must measure.
         min_container_share: least share of the container in the stack's pixels where there is
@@ -58,7 +59,7 @@ class StereoScanSettings:
     """
 
     max_width_px: int = 640
-    max_fine_width_px: int = 1280
+    max_fine_width_px: int = 640
     hull_voxel_m: float = 0.006
     min_measured_share: float = 0.2
     min_container_share: float = 0.02
