@@ -18,52 +18,17 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from manifold3d import Error, Manifold, Mesh, OpType
 
 from stack_counter.sim.shapes import FAMILIES, SIZES_M, Shape, ShapeError, shape_from_mesh
+from stack_counter.sim.shapes.extra.collection import fuse_bodies
 from stack_counter.sim.shapes.extra.unseen import GENERATORS, make_solid
 from stack_counter.sim.shapes.library import save_shapes
+from stack_counter.sim.shapes.manifolds import simplify_manifold
 
 _OUT = Path(__file__).parent.parent / "data/unseen/shapes.npz"
 # The source whose files have a real size, millimetres.
 _CATALOGUE = "bd_warehouse"
-# Largest number of faces, and by which shares of the part size simplification may move the
-# surface, tried in turn; chosen.
-_MAX_FACES, _TOLERANCES = 3000, (0.001, 0.002, 0.004, 0.008, 0.016)
-
-
-def fuse_bodies(path: Path) -> Manifold:
-    """Fuses the bodies of a file to one solid.
-
-    Raises:
-        ShapeError: a body is not closed, or there is none.
-    """
-    mesh = trimesh.load(path, force="mesh", process=False)
-    mesh.merge_vertices()
-    mesh.update_faces(mesh.nondegenerate_faces())
-    bodies = []
-    for body in mesh.split(only_watertight=False):
-        if body.volume < 0:
-            body.invert()
-        bodies.append(Manifold(Mesh(body.vertices.astype(np.float32),
-                                    body.faces.astype(np.uint32))))
-        if bodies[-1].status() != Error.NoError:
-            raise ShapeError(f"a body of {len(body.faces)} faces is {bodies[-1].status()}; "
-                             "expected a closed one")
-    whole = Manifold.batch_boolean(bodies, OpType.Add)
-    if whole.is_empty():
-        raise ShapeError("encloses no volume; expected a solid")
-    return whole
-
-
-def simplify(raw: Manifold) -> Manifold:
-    """Simplifies a solid to at most 3,000 triangles if that is possible."""
-    low, high = np.split(np.array(raw.bounding_box()), 2)
-    for share in _TOLERANCES:
-        coarse = raw.simplify(share * float((high - low).max()))
-        if coarse.num_tri() <= _MAX_FACES:
-            break
-    return coarse
+_MAX_FACES = 3000  # chosen
 
 
 def list_candidates(folder: Path) -> Iterator[tuple[str, str, str, Path | None]]:
@@ -83,7 +48,9 @@ def make_checked_shape(source: str, family: str, variant: str, path: Path | None
     """
     if family in FAMILIES:
         raise ShapeError("is a training family; expected another")
-    coarse = simplify(fuse_bodies(path) if path else make_solid(family, int(variant)))
+    solid = fuse_bodies(trimesh.load(path, force="mesh", process=False)) if path \
+        else make_solid(family, int(variant))
+    coarse = simplify_manifold(solid, _MAX_FACES)
     if coarse.num_tri() > _MAX_FACES:
         raise ShapeError(f"{coarse.num_tri()} faces; expected at most {_MAX_FACES}")
     raw = coarse.to_mesh64()

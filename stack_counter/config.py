@@ -13,14 +13,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from stack_counter import parameter_files
 from stack_counter.errors import ConfigError
 from stack_counter.named_region import REGIONS, NamedRegion, read_regions, write_regions
-from stack_counter.parameter_files import (
-    nearest_name,
-    read_parameter_file,
-    without_ros_parameters,
-    write_parameter_file,
-)
 
 
 def _setting(default: Any, doc: str, low: float | None = None, high: float | None = None,
@@ -227,7 +222,7 @@ def build_section(section: type[Section], values: dict[str, Any]) -> Section:
     checked: dict[str, Any] = {}
     for name, value in values.items():
         if name not in fields:
-            near = nearest_name(name, fields)
+            near = parameter_files.nearest_name(name, fields)
             raise ConfigError(f"unknown setting '{name}'; expected "
                               + (f"'{near}'" if near else f"one of {sorted(fields)}"))
         checked[name] = read_regions(value) if name == REGIONS \
@@ -273,7 +268,7 @@ def load_config(path: Path) -> Config:
         FileNotFoundError: no such file.
     """
     sections: dict[str, Any] = {
-        node: build_section(_SECTIONS[node], without_ros_parameters(values))
+        node: build_section(_SECTIONS[node], parameter_files.without_ros_parameters(values))
         for node, values in read_parameters(path).items()}
     return Config(**sections)
 
@@ -285,13 +280,13 @@ def read_parameters(path: Path) -> dict[str, dict[str, Any]]:
         ConfigError: not YAML, unknown node or setting.
         FileNotFoundError: no such file.
     """
-    return read_parameter_file(path, SETTING_NAMES)
+    return parameter_files.read_parameter_file(path, SETTING_NAMES)
 
 
 def to_ros_parameters(config: Config) -> str:
     """The settings as a ROS parameter file that `load` and the nodes read."""
-    return write_parameter_file({node: _to_ros_values(values)
-                                 for node, values in vars(config).items()})
+    return parameter_files.write_parameter_file(
+        {node: _to_ros_values(values) for node, values in vars(config).items()})
 
 
 def _to_ros_values(section: Any) -> dict[str, Any]:

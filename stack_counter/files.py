@@ -62,6 +62,11 @@ def share_folders(package: str) -> list[Path]:
     return [Path(prefix) / "share" / package for prefix in prefixes if prefix]
 
 
+def user_cache_folder() -> Path:
+    """Folder for what can be made again; by the XDG base directories, it needs not be there."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "stack_counter"
+
+
 def shipped_weights(name: str) -> Path:
     """Path of a file of weights or of a fitted model that comes with the package."""
     return Path(__file__).parent / "weights" / name

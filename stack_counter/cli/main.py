@@ -39,7 +39,7 @@ from stack_counter.errors import (
 )
 from stack_counter.eval.arguments import ADD_ARGUMENTS
 from stack_counter.files import config_path
-from stack_counter.train.arguments import add_arguments as add_train_arguments
+from stack_counter.train.arguments import add_train_arguments
 
 _USAGE, _NO_COUNT, _INTERRUPTED = 2, 3, 130
 _EVALUATIONS = {
@@ -48,6 +48,7 @@ _EVALUATIONS = {
     "live": "of the running count while parts are taken out",
     "robustness": "of counts of scans made hard on purpose: right, honest or wrong without a word",
     "parts": "of counts where the part's CAD file or a counted bin is known",
+    "acceptance": "which solids of a library `part add` takes",
     "template": "of v from pieces on a table",
     "volume": "of V and the container",
     "labels": "of the labels that segmenters give",

@@ -76,7 +76,7 @@ def _add_add(more: argparse._SubParsersAction) -> None:
     add.add_argument("--density", type=positive_number, metavar="G_CM3",
                      help="of the material, g/cm3")
     add.add_argument("--friction", type=_friction, nargs=2, metavar=("LOW", "HIGH"),
-                     help="of parts on each other, if known (default 0.2 0.7)")
+                     help="of parts on each other, if known (default 0.05 0.6)")
     add.add_argument("--piles", type=int, default=64, metavar="N", help="(default 64)")
     add.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="W",
                      help="processes (default: one a core)")
@@ -155,6 +155,10 @@ def _add(options: argparse.Namespace) -> int:
         piles=options.piles, workers=options.workers, tune=options.tune, force=options.force)
     with progress_bar("piles", "piles", options.piles) as on_pile:
         added = add_part(request, mesh, config, path, on_pile)
+    if added.rough_form is not None:
+        print(f"note: simulated with convex pieces {added.rough_form.fullness:.2f} times as full "
+              f"as the part, which stand out of it by {added.rough_form.protrusion:.0%} of its "
+              "size: count a bin of it (part calibrate) before you rely on its gamma")
     if added.tuning is not None:
         print(_tuning_line(added.tuning))
     print(f"{added.models.made}\n{_gamma_lines(added.models.arc)}\nstored in {path}")

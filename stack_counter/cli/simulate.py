@@ -26,7 +26,8 @@ def add_simulate(commands: argparse._SubParsersAction) -> None:
                           help="containers and fills; box: as in the paper; rig: nine fills of "
                                "one container for each part")
     simulate.add_argument("--library", type=Path, metavar="FILE",
-                          help="parts to take, an .npz of shapes, not the training families")
+                          help="parts to take, not the training families: an .npz of shapes, or "
+                               "of real solids with its index beside it (data/README.md)")
     simulate.set_defaults(run=_simulate)
     more = simulate.add_subparsers(metavar="bag | report")
     _add_bag(more)

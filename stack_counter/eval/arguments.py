@@ -17,6 +17,19 @@ def _add_set_argument(parser: argparse.ArgumentParser) -> None:
                         help="unseen, unseen-mixed or a folder of simulated scenes")
 
 
+def _add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `evaluate acceptance`."""
+    parser.add_argument("--library", type=Path, required=True, metavar="FILE",
+                        help="parts, as for `simulate --library`")
+    parser.add_argument("--solids", type=int, default=200, metavar="N",
+                        help="drawn from it (default 200)")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the draw")
+    parser.add_argument("--piles", type=int, default=8, metavar="N",
+                        help="of each part (default 8; 0: its convex pieces alone)")
+    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write every solid here")
+
+
 def _add_case_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options that `evaluate gamma` and `evaluate count` share."""
     _add_set_argument(parser)
@@ -142,6 +155,7 @@ def _add_volume_arguments(parser: argparse.ArgumentParser) -> None:
 
 # What adds the arguments of an evaluation, by the name of its module.
 ADD_ARGUMENTS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
+    "acceptance": _add_acceptance_arguments,
     "gamma": _add_case_arguments,
     "count": _add_case_arguments,
     "benchmark": _add_benchmark_arguments,

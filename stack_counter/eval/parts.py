@@ -115,7 +115,8 @@ def _learn_models(rig: Rig, options: argparse.Namespace) -> PartModels:
     if not path.exists():
         piles = simulate_part_piles(request, options.piles, options.workers, lambda: None)
         path.write_text(json.dumps([asdict(pile) for pile in piles]) + "\n")
-    stored = [Pile(*map(_read_scan, pile.values())) for pile in json.loads(path.read_text())]
+    stored = [Pile(_read_scan(pile["arc"]), _read_scan(pile["above"]))
+              for pile in json.loads(path.read_text())]
     return fit_part_models(request, stored, estimator)
 
 

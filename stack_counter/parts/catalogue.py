@@ -258,8 +258,8 @@ def _checked_friction(pair: object) -> tuple[float, float] | None:
     if not isinstance(pair, list) or len(pair) != 2:
         raise ValueError(f"friction {pair!r} (least and most needed)")
     low, high = (_checked_number(value, "friction") for value in pair)
-    if not low <= high <= MOST_FRICTION:
-        raise ValueError(f"friction {pair} (least and most, 0 to {MOST_FRICTION:g}, needed)")
+    if not 0 < low <= high <= MOST_FRICTION:
+        raise ValueError(f"friction {pair} (least and most, above 0 to {MOST_FRICTION:g}, needed)")
     return low, high
 
 

@@ -19,10 +19,16 @@ from stack_counter.sim.hard.kinds import HARD_KINDS, hard_kind, make_hard_scan
 from stack_counter.sim.hard.piles import read_piles
 from stack_counter.sim.hard.scan import HardScan
 from stack_counter.sim.ideal import IdealSurface, ideal_surface
+from stack_counter.sim.physics.collision import convex_pieces, rough_form
 from stack_counter.sim.physics.container_draws import draw_deep_container
+from stack_counter.sim.physics.decomposition.form import PieceForm, measure_form
 from stack_counter.sim.physics.drop import simulate_pile
 from stack_counter.sim.physics.plans import FRICTION, draw_plan_in_container
-from stack_counter.sim.physics.recipes import SCENES_PER_RIG, max_simulated_parts
+from stack_counter.sim.physics.recipes import (
+    PART_PILE_PIECES,
+    SCENES_PER_RIG,
+    max_simulated_parts,
+)
 from stack_counter.sim.physics.table import lay_out_pieces
 from stack_counter.sim.reconstruction import reconstruct, reconstruct_from_above
 from stack_counter.sim.scenes.containers import RECONSTRUCTED_KIND, ContainerShape
@@ -31,23 +37,27 @@ from stack_counter.sim.scenes.scene import Scene, SceneError
 from stack_counter.sim.scenes.shards import read_scenes, read_shard
 from stack_counter.sim.scenes.truth import Truth
 from stack_counter.sim.shapes import Shape, ShapeError, make_shape, shape_from_mesh
-from stack_counter.sim.shapes.library import load_shapes
+from stack_counter.sim.shapes.library import load_shapes, open_library, source_of
+from stack_counter.sim.shapes.simplify import simplify_solid
 
 __all__ = [
     "FRICTION",
     "HARD_KINDS",
+    "PART_PILE_PIECES",
     "RECONSTRUCTED_KIND",
     "SCENES_PER_RIG",
     "ContainerShape",
     "DepthCamera",
     "HardScan",
     "IdealSurface",
+    "PieceForm",
     "RayCaster",
     "Scene",
     "SceneError",
     "Shape",
     "ShapeError",
     "Truth",
+    "convex_pieces",
     "draw_deep_container",
     "draw_plan_in_container",
     "hard_kind",
@@ -57,6 +67,8 @@ __all__ = [
     "make_hard_scan",
     "make_shape",
     "max_simulated_parts",
+    "measure_form",
+    "open_library",
     "read_piles",
     "read_scenes",
     "read_shard",
@@ -66,6 +78,9 @@ __all__ = [
     "record_fixed_camera",
     "record_returning_camera",
     "remove_parts",
+    "rough_form",
     "shape_from_mesh",
+    "simplify_solid",
     "simulate_pile",
+    "source_of",
 ]

@@ -6,14 +6,12 @@ from __future__ import annotations
 import json
 import logging
 import os
-import shutil
 import time
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from hashlib import sha256
 from pathlib import Path
 
 from stack_counter.child_processes import worker_pool
@@ -22,18 +20,23 @@ from stack_counter.progress import progress_bar
 from stack_counter.sim.physics.drop import make_scene
 from stack_counter.sim.physics.recipes import Recipe
 from stack_counter.sim.scenes.scene import SceneError
+from stack_counter.sim.scenes.set_library import (
+    RUN_FILE,
+    keep_library,
+    library_digest,
+    read_run_file,
+)
 from stack_counter.sim.scenes.shards import (
-    LIBRARY_FILE,
     SCENES_PER_SHARD,
     read_shard,
     shard_path,
     write_shard,
 )
-from stack_counter.sim.shapes.library import load_shapes
+from stack_counter.sim.shapes.library import Library, open_library
 
 _LOG = logging.getLogger(__name__)
-# Files beside the shards: what they are made from, and a line of JSON for each.
-RUN_FILE, LOG_FILE = "run.json", "simulate.log"
+# File beside the shards with a line of JSON for each.
+LOG_FILE = "simulate.log"
 # A run gives up after so many pools that lost a worker; chosen.
 _MAX_POOLS = 5
 
@@ -70,20 +73,21 @@ def simulate(out: Path, scenes: int, workers: int, seed: int, plan: str = "mixed
         workers: number of processes.
         seed: seed of the run.
         plan: containers and fills, a name in `recipes.PLANS`.
-        library: file of the parts to take, which is copied to `out`; None for the training
-            families.
+        library: file of the parts to take, which is copied to `out`, or linked if it is a
+            collection of others' solids; None for the training families.
 
     Raises:
         ShapeError: the library is damaged.
         SceneError: `out` holds scenes of another seed, plan or library, or some scenes could
             not be made; the others are there.
     """
-    recipe = Recipe(plan, tuple(load_shapes(library)) if library else ())
+    shapes = open_library(library) if library else None
+    recipe = Recipe(plan, shapes or ())
     # Note what the scenes are made from, and keep the library beside them
     out.mkdir(parents=True, exist_ok=True)
-    _claim_folder(out, {"seed": seed, "plan": plan, "library": _digest(library)})
-    if library is not None and library.resolve() != (out / LIBRARY_FILE).resolve():
-        shutil.copyfile(library, out / LIBRARY_FILE)
+    _claim_folder(out, {"seed": seed, "plan": plan, **_name_library(shapes)})
+    if shapes:
+        keep_library(shapes, out)
     # Make the shards that are missing
     shards = range(-(-scenes // SCENES_PER_SHARD))
     sizes = {n: min(SCENES_PER_SHARD, scenes - n * SCENES_PER_SHARD) for n in shards}
@@ -100,29 +104,20 @@ def simulate(out: Path, scenes: int, workers: int, seed: int, plan: str = "mixed
         raise SceneError(f"{len(run.sizes)} of {len(shards)} shards in {out} are missing: {why}")
 
 
+def _name_library(library: Library | None) -> dict:
+    """The library in the note of what scenes are made from: by its content, with its credits."""
+    if library is None:
+        return {"library": ""}
+    credits = {"credits": library.credits} if library.credits else {}
+    return {"library": library_digest(library.path), **credits}
+
+
 def _claim_folder(out: Path, made_from: dict) -> None:
     """Notes what the folder's scenes are made from; refuses to mix them with others."""
     path = out / RUN_FILE
-    if path.exists() and (stored := _read_run_file(path)) != made_from:
+    if path.exists() and (stored := read_run_file(out)) != made_from:
         raise SceneError(f"{out} holds scenes made from {stored}; expected {made_from}")
     path.write_text(json.dumps(made_from) + "\n")
-
-
-def _read_run_file(path: Path) -> dict:
-    """The content of the file that `_claim_folder` wrote."""
-    try:
-        stored = json.loads(path.read_text())
-    except ValueError as error:  # no JSON, or no text at all
-        raise SceneError(f"{path} is damaged: {error}; expected what simulate wrote there, e.g. "
-                         '{"seed": 7, "plan": "mixed", "library": ""}') from error
-    if not isinstance(stored, dict):
-        raise SceneError(f"{path} holds {stored!r}; expected an object with seed, plan and "
-                         "library")
-    return stored
-
-
-def _digest(library: Path | None) -> str:
-    return sha256(library.read_bytes()).hexdigest()[:16] if library else ""
 
 
 def _make_shards(run: _Run) -> None:

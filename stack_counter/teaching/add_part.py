@@ -18,7 +18,7 @@ from stack_counter.occupancy.checkpoint import save_tuning, tuned_name
 from stack_counter.parts.calibration import history_at_volume
 from stack_counter.parts.catalogue import Part, find_part, save_part
 from stack_counter.parts.part_models import PartModels
-from stack_counter.sim import FRICTION, ShapeError, shape_from_mesh
+from stack_counter.sim import FRICTION, PieceForm, ShapeError, rough_form, shape_from_mesh
 from stack_counter.teaching.model_fit import fit_model
 from stack_counter.teaching.part_mesh import PartMesh
 from stack_counter.teaching.simulated_piles import (
@@ -59,11 +59,19 @@ class PartRequest:
 
 @dataclass(frozen=True, eq=False)
 class AddedPart:
-    """A part as it was added: what its piles say of gamma, and the tuning where one was tried."""
+    """A part as it was added.
+
+    Attributes:
+        part: its entry in the catalogue.
+        models: what its piles say of gamma.
+        tuning: of the network, where it was tried.
+        rough_form: form of the convex pieces that it collided with, where they miss its own.
+    """
 
     part: Part
     models: PartModels
     tuning: Tuning | None
+    rough_form: PieceForm | None
 
 
 def add_part(request: PartRequest, mesh: PartMesh, config: Config, catalogue: Path,
@@ -108,7 +116,7 @@ def add_part(request: PartRequest, mesh: PartMesh, config: Config, catalogue: Pa
                 f"{date.today()} from {request.mesh_path.name}, unit {request.unit}",
                 history_at_volume(old, mesh.unit_volume, request.force))
     save_part(part, catalogue)
-    return AddedPart(part, models, tuning)
+    return AddedPart(part, models, tuning, rough_form(order.shape))
 
 
 def _store_mesh(request: PartRequest, folder: Path) -> Path:
@@ -151,7 +159,7 @@ def simulate_part_piles(request: PileRequest, count: int, workers: int,
     """Simulates piles of a part; `on_pile` is called after each.
 
     Raises:
-        PartError: the part does not pile up.
+        PartError: the part does not pile up, or its mesh is no solid.
     """
     piles = []
     try:
@@ -159,8 +167,7 @@ def simulate_part_piles(request: PileRequest, count: int, workers: int,
             piles.append(pile)
             on_pile()
     except ShapeError as error:
-        raise PartError(f"{error}; a part of many small details: expected a mesh without threads "
-                        "and lettering") from error
+        raise PartError(str(error)) from error
     return piles
 
 

@@ -67,7 +67,7 @@ class _Regression:
 def fit_model(piles: Sequence[PileScan], viewpoint: str = "around") -> GammaModel:
     """Fits the Gaussian of `gamma_model` to piles of known friction.
 
-    What the scans of a rig share is the friction of its parts, uniform over the piles' range, how
+    What the scans of a rig share is the friction of its parts, spread as that of the piles, how
     wrong its container is taken to be, and what the piles leave unknown of the coefficients.
 
     Args:
@@ -109,11 +109,11 @@ def _fit_gaussian(piles: Sequence[PileScan], viewpoint: str) -> GammaModel:
     """The model of piles, without its scores."""
     features, values = _regression_data(piles)
     fit = _fit_regression(features, values)
-    # Shared by a rig's scans: uncertain coefficients, and friction uniform over its range
+    # Shared by a rig's scans: uncertain coefficients, and friction, as the piles'
     per_friction = fit.coefficients[:, FEATURES]
     friction_direction = np.zeros((2, FEATURES))
     friction_direction[:, 0] = per_friction
-    friction_variance = np.ptp([p.friction for p in piles]) ** 2 / 12
+    friction_variance = np.var([p.friction for p in piles])
     shared = np.kron(fit.noise, fit.inverse[:FEATURES, :FEATURES]) \
         + friction_variance * np.outer(friction_direction, friction_direction)
     # Shared too: V's error by the container, as far as the noise allows that the network does not
@@ -141,16 +141,15 @@ def _conformal_score(model: GammaModel, pile: PileScan) -> float:
 
 
 def _regression_data(piles: Sequence[PileScan]) -> tuple[np.ndarray, np.ndarray]:
-    """(n, FEATURES + 1) features, friction about the middle of its range last.
+    """(n, FEATURES + 1) features, friction about its mean last.
 
     (n, 2) log gamma, counted and estimated.
     """
     friction = np.array([p.friction for p in piles])
     features = fill_features(np.array([p.reading.height for p in piles]),
                              np.array([p.reading.width for p in piles]))
-    middle = (friction.min() + friction.max()) / 2
     return (
-        np.column_stack([features, friction - middle]),
+        np.column_stack([features, friction - friction.mean()]),
         np.array([[p.reading.log_gamma_counted, p.reading.log_gamma_estimated] for p in piles]),
     )
 

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import open3d as o3d
-import trimesh
 
-from stack_counter.errors import MeshError
+from stack_counter.sim import simplify_solid
 from stack_counter.teaching.solid_mesh import ExpectedSolid, load_solid
 
 
@@ -20,14 +18,11 @@ class PartMeshSettings:
 
     Attributes:
         sizes_m: largest sides of parts that a robot cell handles, metres.
-        max_faces: largest number of triangles for simulation; more bring time and no form.
-        face_factors: multiples of that, tried in turn until a mesh can be made so coarse without
-            tearing.
+        max_faces: number of triangles for simulation; more bring time and no form.
     """
 
     sizes_m: tuple[float, float] = (0.003, 0.5)
     max_faces: int = 6000
-    face_factors: tuple[int, ...] = (1, 2, 3)
 
 
 SETTINGS = PartMeshSettings()
@@ -40,7 +35,7 @@ class PartMesh:
 
     Attributes:
         vertices: (n, 3) float64, metres, centre of mass at the origin.
-        faces: (m, 3) int32, counter-clockwise from outside, at most 18,000.
+        faces: (m, 3) int32, counter-clockwise from outside; some thousands.
         unit_volume: v of the mesh as it came, m3.
         notes: lines on what was put right.
     """
@@ -71,25 +66,10 @@ def load_part_mesh(path: Path, unit: str = "mm") -> PartMesh:
     mesh, notes = solid.mesh, list(solid.notes)
     # v is that of the mesh as it came; the simulated one has fewer triangles
     volume = float(mesh.volume)
-    if len(mesh.faces) > SETTINGS.max_faces:
-        notes.append(f"{len(mesh.faces)} triangles; simulated with {SETTINGS.max_faces}, v is "
-                     "exact")
-        mesh = _simplify(mesh, path.name)
+    coarse = simplify_solid(mesh, SETTINGS.max_faces)
+    if coarse is not mesh:
+        notes.append(f"{len(mesh.faces)} triangles; simulated with {len(coarse.faces)}, without "
+                     "fine threads and lettering; v is exact")
+        mesh = coarse
     return PartMesh(np.asarray(mesh.vertices - mesh.center_mass, float),
                     np.asarray(mesh.faces, np.int32), volume, tuple(notes))
-
-
-def _simplify(mesh: trimesh.Trimesh, name: str) -> trimesh.Trimesh:
-    """The mesh with few triangles, watertight, and of the same volume."""
-    fine = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(mesh.vertices),
-                                     o3d.utility.Vector3iVector(mesh.faces))
-    for factor in SETTINGS.face_factors:
-        decimated = fine.simplify_quadric_decimation(factor * SETTINGS.max_faces)
-        coarse = trimesh.Trimesh(np.asarray(decimated.vertices), np.asarray(decimated.triangles))
-        if coarse.is_watertight and coarse.is_winding_consistent and coarse.body_count == 1 \
-                and coarse.volume > 0:
-            coarse.apply_scale((mesh.volume / coarse.volume) ** (1 / 3))
-            return coarse
-    most = SETTINGS.face_factors[-1] * SETTINGS.max_faces
-    raise MeshError(f"{name} has {len(mesh.faces)} triangles that cannot be made {most} or fewer "
-                    "without tearing; expected a coarser mesh")

@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import as_completed
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -19,10 +19,12 @@ from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.occupancy.network import NetworkEstimator
 from stack_counter.parts.gamma_model import Reading, fill_size
 from stack_counter.sim import (
+    PART_PILE_PIECES,
     ContainerShape,
     Scene,
     SceneError,
     Shape,
+    convex_pieces,
     draw_deep_container,
     draw_plan_in_container,
     max_simulated_parts,
@@ -40,7 +42,8 @@ class SimulatedPilesSettings:
     Attributes:
         size_factor: largest factor by which the container is taken larger or smaller, so that the
             fit has a slope over its width.
-        max_tries: plans drawn for a pile before the part is refused.
+        max_tries: plans drawn for a pile before it is left out.
+        max_failed: piles left out from which a part is refused that has more of them than others.
         seed: seed of all piles, if none is given.
         default_wall_m: thickness of a wall that the configuration leaves open.
         min_wall_m: least thickness of a taught container's wall and floor.
@@ -48,6 +51,7 @@ class SimulatedPilesSettings:
 
     size_factor: float = 1.25
     max_tries: int = 12
+    max_failed: int = 4
     seed: int = 0xADD
     default_wall_m: float = 0.003
     min_wall_m: float = 1e-3
@@ -78,10 +82,20 @@ class PileScan:
 
 @dataclass(frozen=True)
 class Pile:
-    """A pile seen in an arc of views, and in one from above; None where that scan is refused."""
+    """A pile seen in an arc of views, and in one from above.
+
+    Attributes:
+        arc, above: what each shows; None where that scan is refused, or no try came to rest.
+        failed_tries: what was wrong with the tries before: a few words, a colon, the values.
+    """
 
     arc: PileScan | None
     above: PileScan | None
+    failed_tries: tuple[str, ...] = ()
+
+    def count_failed_tries(self) -> Counter[str]:
+        """Number of the tries before by what was wrong, in a few words."""
+        return Counter(why.split(":")[0] for why in self.failed_tries)
 
 
 @dataclass(frozen=True)
@@ -106,45 +120,63 @@ class PileRequest:
 
 
 def simulate_piles(request: PileRequest, count: int, workers: int) -> Iterator[Pile]:
-    """Simulates that many piles and gives them as they get done.
+    """Simulates that many piles and gives them in their order, whichever gets done first.
 
     Raises:
-        PartError: the part makes no pile: no decomposition, or it does not come to rest.
+        PartError: most piles do not come to rest.
+        ShapeError: the mesh is no solid.
     """
+    convex_pieces(request.shape)  # once: workers find them in the cache
+    make = partial(make_pile, request)
     if workers == 1:
-        for index in range(count):
-            yield make_pile(request, index)
+        yield from _refuse_restless(map(make, range(count)))
         return
     with worker_pool(workers) as pool:
-        jobs = [pool.submit(make_pile, request, index) for index in range(count)]
-        for job in as_completed(jobs):
-            yield job.result()
+        # Not by `map`: interrupted, it cancels futures that the pool then stumbles over.
+        jobs = [pool.submit(make, index) for index in range(count)]
+        yield from _refuse_restless(job.result() for job in jobs)
+
+
+def _refuse_restless(piles: Iterable[Pile]) -> Iterator[Pile]:
+    """Gives the piles on as long as most of them come to rest."""
+    failed = 0
+    for done, pile in enumerate(piles, 1):
+        failed += len(pile.failed_tries) == SETTINGS.max_tries
+        if failed >= SETTINGS.max_failed and 2 * failed > done:
+            why = ", ".join(f"{n} x {reason}"
+                            for reason, n in pile.count_failed_tries().most_common())
+            raise PartError(f"the part does not pile up: {failed} of {done} piles failed "
+                            f"{SETTINGS.max_tries} times each ({why}), the last by "
+                            f"{pile.failed_tries[-1]}; check --unit, the configured container's "
+                            "size, and the mesh: one with thicker walls or rounder may rest")
+        yield pile
 
 
 def make_pile(request: PileRequest, index: int) -> Pile:
     """Makes pile `index`, which depends on the request and the index alone.
 
     Raises:
-        PartError: the part makes no pile: no decomposition, or it does not come to rest.
+        ShapeError: the mesh is no solid.
     """
-    why = ""
+    failed_tries: list[str] = []
     for attempt in range(SETTINGS.max_tries):
         random = np.random.default_rng([request.seed, index, attempt])
         try:
             scene = _simulate_scene(request, random, index)
             break
         except SceneError as error:
-            why = str(error)
+            failed_tries.append(str(error))
     else:
-        raise PartError(f"the part does not pile up: {why} ({SETTINGS.max_tries} tries)")
+        return Pile(None, None, tuple(failed_tries))
     estimator = _load_estimator(request.estimator)
-    return Pile(*(_scan_pile(scene, scan, estimator, request.keep_last_layer_input)
-                  for scan in (reconstruct, reconstruct_from_above)))
+    arc, above = (_scan_pile(scene, scan, estimator, request.keep_last_layer_input)
+                  for scan in (reconstruct, reconstruct_from_above))
+    return Pile(arc, above, tuple(failed_tries))
 
 
 def _simulate_scene(request: PileRequest, random: np.random.Generator, index: int) -> Scene:
     """One try of a pile, in a container of any size or in one about the rig's."""
-    max_parts = max_simulated_parts(request.shape)
+    max_parts = max_simulated_parts(request.shape, PART_PILE_PIECES)
     if request.container is None:
         container = draw_deep_container(random, request.shape, max_parts)
     else:

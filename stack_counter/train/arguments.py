@@ -10,8 +10,16 @@ import argparse
 from pathlib import Path
 
 
+def add_train_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of `stack-counter train` to a command line."""
+    add_arguments(parser)
+    parser.add_argument("--leave-out-source", nargs="+", default=[], metavar="SOURCE",
+                        help="collections of real solids, e.g. KiCad, that no member sees; each"
+                        " finished member is tested on them")
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `train` to a command line."""
+    """Adds the arguments that all trainings of gamma-networks share to a command line."""
     parser.add_argument("--data", type=Path, nargs="+", required=True, metavar="DIR",
                         help="folders of simulated scenes; DIR:W draws them W times as often")
     parser.add_argument("--scans", type=Path, nargs="+", default=[], metavar="DIR",

@@ -17,10 +17,17 @@ import torch
 from stack_counter.child_processes import worker_pool
 from stack_counter.errors import ConfigError
 from stack_counter.occupancy.checkpoint import make_net
+from stack_counter.sim import source_of
 from stack_counter.train.data.batches import FOLDS, assign_folds
 from stack_counter.train.data.fused import read_scans
 from stack_counter.train.data.heights import Sample, load_samples
-from stack_counter.train.member import TrainConfig, TrainingData, train_member
+from stack_counter.train.member import (
+    TrainConfig,
+    TrainingData,
+    measure_held_out,
+    read_member,
+    train_member,
+)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -28,6 +35,10 @@ def run(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     # Cast the height maps here, once, and complain of the folders before any process starts.
     data = load_data(options)
+    sources = {source_of(family) for family in data.families}
+    if missing := set(options.leave_out_source) - sources:
+        raise ConfigError(f"--leave-out-source {' '.join(sorted(missing))}: no scene has such a "
+                          f"part; expected some of: {', '.join(sorted(sources - {''})) or 'none'}")
     (options.out / "families.json").write_text(json.dumps(data.families))
     # Each on one core: networks this small lose more by sharing two than they gain.
     with worker_pool(options.workers) as pool:
@@ -42,11 +53,13 @@ def train_fold(options: argparse.Namespace, number: int) -> None:
     """Trains the member that leaves out fold `number`, in a process of its own."""
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    # Leave out the families of the fold.
+    # Leave out the families of the fold, and whole sources for good.
     data = load_data(options)
     fold = assign_folds(data.families)
     fold_by_sample = np.array([fold[s.family] for s in data.samples])
-    learnt = fold_by_sample != number
+    source_by_sample = np.array([source_of(s.family) for s in data.samples])
+    foreign = np.isin(source_by_sample, options.leave_out_source)
+    learnt = (fold_by_sample != number) & ~foreign
     if options.scenes:
         random = np.random.default_rng([options.seed, 0x5CE])
         chosen = random.permutation(np.flatnonzero(learnt))[:options.scenes]
@@ -55,8 +68,15 @@ def train_fold(options: argparse.Namespace, number: int) -> None:
     config = TrainConfig(epochs=options.epochs or TrainConfig.epochs, seed=options.seed)
     torch.manual_seed(options.seed)
     net = make_net(options.encoder, options.encoder_weights)
-    train_member(net, data.select(learnt), data.select(fold_by_sample == number), config,
-                 options.out / f"member_{number}.pt")
+    path = options.out / f"member_{number}.pt"
+    train_member(net, data.select(learnt), data.select((fold_by_sample == number) & ~foreign),
+                 config, path)
+    # Test on the sources left out.
+    for source in options.leave_out_source:
+        best, _ = read_member(path, options.encoder_weights)
+        errors = measure_held_out(best, data.select(source_by_sample == source))
+        print(path.stem, "on", source, json.dumps({k: round(v, 4) for k, v in errors.items()}),
+              flush=True)
 
 
 def load_data(options: argparse.Namespace) -> TrainingData:

@@ -132,7 +132,8 @@ def test_a_part_from_its_mesh(tmp_path, capsys, monkeypatch):
     block = load_parts(tmp_path / "parts.yaml")["block"]
     assert block.unit_volume == pytest.approx(12e-6) and block.density == 1200
     gamma, std = block.models.arc.gamma_at(2.0, 5.0)
-    assert 0.45 < gamma < 0.75 and std / gamma < 0.12
+    # Blocks of friction 0.05 lie half as dense again as those of 0.6.
+    assert 0.45 < gamma < 0.75 and std / gamma < 0.2
     assert (tmp_path / "parts" / "block.stl").is_file()
     code, text, _ = part(capsys, "list", "--catalogue", tmp_path / "parts.yaml")
     assert "10 simulated piles" in text

@@ -89,6 +89,7 @@ def test_what_could_not_be_read_again_is_not_written(tmp_path):
     ("parts: {a: {unit_volume_cm3: true}}", "'a': unit_volume_cm3 True"),
     ("parts: {a: {unit_volume_cm3: 1, friction: [a, 1]}}", "'a': friction 'a'"),
     ("parts: {a: {unit_volume_cm3: 1, friction: [0.2, 3]}}", "'a': friction [0.2, 3]"),
+    ("parts: {a: {unit_volume_cm3: 1, friction: [0, 0.2]}}", "'a': friction [0, 0.2]"),
     ("parts: {a: {unit_volume_cm3: 1, counted: 5}}", "'a': counted 5"),
     ("parts: {1: {unit_volume_cm3: 1}, '1': {unit_volume_cm3: 2}}", "two entries '1'"),
     ("parts: {a: {unit_volume_cm3: 1}, a: {unit_volume_cm3: 2}}", "two entries 'a'"),

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated piles of one part, on the rig that the settings describe."""
 
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -11,13 +14,18 @@ from kits.known_parts import ConstantEstimator, stack_volume_of_box
 from stack_counter.config import Config, CounterConfig, ReconstructorConfig
 from stack_counter.container.catalogue import TaughtContainer, save_container
 from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall
-from stack_counter.errors import ScanError
+from stack_counter.errors import PartError, ScanError
+from stack_counter.teaching import simulated_piles
 from stack_counter.teaching.add_part import make_pile_request
 from stack_counter.teaching.simulated_piles import (
+    SETTINGS,
+    Pile,
+    _refuse_restless,
     counted_reading,
     make_pile,
     make_rig_container,
     scale_container,
+    simulate_piles,
 )
 
 BLOCK = trimesh.creation.box((0.03, 0.02, 0.02))
@@ -70,3 +78,30 @@ def test_a_pile_is_seen_from_around_and_from_above():
         assert 0.3 <= seen.friction <= 0.4 and 0 < seen.volume_std < 0.3
         assert 0.35 < np.exp(seen.reading.log_gamma_counted) < 0.85
         assert 0.7 < seen.reading.width * length / np.sqrt(size[0] * size[1]) < 1.3
+
+
+def test_a_part_is_refused_only_where_most_piles_come_to_no_rest():
+    rests = Pile(None, None)
+    fails = Pile(None, None, ("unsettled: 0.2 part sizes/s",) * (SETTINGS.max_tries - 1)
+                 + ("penetration: 0.03 of the part size; expected at most 0.02",))
+    mixed = [rests, fails] * 5
+    assert list(_refuse_restless(mixed)) == mixed
+    with pytest.raises(PartError, match=r"4 of 5 piles failed 12 times each \(11 x unsettled, "
+                       r"1 x penetration\), the last by penetration: 0.03 of .*; check --unit"):
+        list(_refuse_restless([rests, fails, fails, fails, fails]))
+
+
+def test_piles_come_in_their_order_whichever_gets_done_first(monkeypatch):
+    """What a part is refused for, and its model to the last bit, are no matter of load."""
+    order = make_pile_request(BLOCK.vertices, BLOCK.faces, Config())
+    with ThreadPoolExecutor(3) as pool:
+        monkeypatch.setattr(simulated_piles, "worker_pool", lambda workers: nullcontext(pool))
+        monkeypatch.setattr(simulated_piles, "make_pile", make_late_pile)
+        piles = list(simulate_piles(order, 3, workers=3))
+    assert [pile.failed_tries for pile in piles] == [("0",), ("1",), ("2",)]
+
+
+def make_late_pile(request, index):
+    """The later, the earlier."""
+    time.sleep(0.2 * (2 - index))
+    return Pile(None, None, (str(index),))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The training loop: learns, resumes where it was killed, leaves families out; calibration."""
 
+import argparse
 import json
 
 import numpy as np
@@ -14,6 +15,7 @@ from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.maps import make_maps
 from stack_counter.occupancy.network import GammaPrediction, NetworkEstimator
 from stack_counter.train import calibrate, gamma, member
+from stack_counter.train.data.batches import assign_folds
 from stack_counter.train.data.fused import FusedScan
 from stack_counter.train.data.heights import Sample, write_samples
 
@@ -80,14 +82,44 @@ def test_it_stops_when_nothing_improves(tmp_path, monkeypatch):
 
 
 def test_a_folder_without_scenes_is_refused(tmp_path):
-    import argparse
-
     def options(text):
         return argparse.Namespace(data=[text], scans=[], cache=tmp_path / "c", workers=1)
     with pytest.raises(ConfigError, match="expected shard_"):
         gamma.load_data(options(tmp_path))
     with pytest.raises(ConfigError, match="weight 'x'"):
         gamma.load_data(options(f"{tmp_path}:x"))
+
+
+@pytest.fixture
+def two_sources(tmp_path, monkeypatch):
+    """Options of a training on four families, one of them KiCad's."""
+    families = ["KiCad/Chip", "LDraw/Brick", "nut", "tube"]
+    parts = [data(16, family) for family in families]
+    monkeypatch.setattr(gamma, "load_data", lambda _: member.TrainingData(
+        [s for part in parts for s in part.samples], [False] * 64, np.ones(64)))
+    monkeypatch.setattr(gamma, "make_net", lambda *_: GammaNet(SMALL))
+    return argparse.Namespace(out=tmp_path, folds=[0], scenes=None, epochs=1, seed=0, workers=1,
+                              encoder="own", encoder_weights=None, leave_out_source=["KiCad"])
+
+
+def test_a_source_left_out_is_seen_by_no_member_and_tests_each(two_sources, monkeypatch, capsys):
+    seen, train = [], gamma.train_member
+
+    def watched(net, learnt, held_out, *more):
+        seen.extend(learnt.families + held_out.families)
+        train(net, learnt, held_out, *more)
+    monkeypatch.setattr(gamma, "train_member", watched)
+    families = ["KiCad/Chip", "LDraw/Brick", "nut", "tube"]
+    gamma.train_fold(two_sources, assign_folds(families)["nut"])
+    assert sorted(seen) == ["LDraw/Brick", "nut", "tube"]
+    name, of_kicad = capsys.readouterr().out.splitlines()[-1].split(" on KiCad ")
+    assert name.startswith("member_") and json.loads(of_kicad)["mae"] > 0
+
+
+def test_a_source_that_is_not_there_cannot_be_left_out(two_sources):
+    two_sources.leave_out_source = ["kicad"]
+    with pytest.raises(ConfigError, match="source kicad: .*; expected some of: KiCad, LDraw$"):
+        gamma.run(two_sources)
 
 
 def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monkeypatch):

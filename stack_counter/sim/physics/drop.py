@@ -13,6 +13,7 @@ from stack_counter.sim.physics.collision import convex_pieces
 from stack_counter.sim.physics.engine import PileSimulation
 from stack_counter.sim.physics.plans import PilePlan
 from stack_counter.sim.physics.recipes import Recipe
+from stack_counter.sim.physics.true_overlap import count_crossings
 from stack_counter.sim.scenes.pose_packing import pack_poses, unpack_poses
 from stack_counter.sim.scenes.scene import Scene, SceneError
 from stack_counter.sim.shapes import ShapeError
@@ -70,7 +71,7 @@ def simulate_pile(plan: PilePlan, random: np.random.Generator, seed: int = 0, in
         decompose: False collides concave parts as hulls, as the paper does.
 
     Raises:
-        SceneError: it does not rest, parts penetrate, or too few stay.
+        SceneError: it does not rest, parts penetrate, walls have crossed, or too few stay.
     """
     size = plan.shape.part_size
     if min(plan.container.inner_size_m[:2]) < size:
@@ -92,6 +93,10 @@ def simulate_pile(plan: PilePlan, random: np.random.Generator, seed: int = 0, in
     fewest = plans.SETTINGS.min_parts
     if len(poses) < min(fewest, plan.count):
         raise SceneError(f"too few: {len(poses)} parts stayed; expected {fewest} or more")
+    # Refuse walls through each other, which the engine's pieces may not show
+    if crossings := count_crossings(plan.shape, poses):
+        raise SceneError(f"crossed walls: {crossings} pairs of parts go through each other; "
+                         "expected none")
     # What is rendered and measured is what is stored.
     return Scene(seed, index, plan.shape, plan.container, unpack_poses(pack_poses(poses)),
                  plan.friction, plan.restitution, plan.taps)

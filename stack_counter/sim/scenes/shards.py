@@ -2,15 +2,15 @@
 """Scenes in files: a shard holds consecutive scenes, packed, with their truth.
 
 A shard is a zip of arrays with checksums, written beside its place and moved there whole. Parts
-are named by family and seed and made again when it is read; those of no training family lie in
-`shapes.npz` in the same folder.
+are named by family and seed and made again when it is read; those of no training family by family
+and place in the folder's library (`set_library`).
 """
 
 from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,11 @@ import numpy as np
 from stack_counter.sim.scenes.containers import ContainerShape
 from stack_counter.sim.scenes.pose_packing import PackedPoses, pack_poses, unpack_poses
 from stack_counter.sim.scenes.scene import Scene, SceneError
+from stack_counter.sim.scenes.set_library import LIBRARY_FILE, find_library
 from stack_counter.sim.scenes.truth import Truth
 from stack_counter.sim.shapes import FAMILIES, Shape, make_shape
-from stack_counter.sim.shapes.library import load_shapes
 
 SCENES_PER_SHARD = 50
-LIBRARY_FILE = "shapes.npz"
 _FORMAT = "stack_counter scenes 1"
 # Fields that a shard stores under their own names (those of the container behind "container_").
 _TRUTH_FIELDS = ("stack_volume", "fill", "gamma_whole", "gamma_center")
@@ -83,11 +82,12 @@ def read_shard(path: Path) -> list[Scene]:
     """Reads the scenes of a file.
 
     Raises:
-        SceneError: damaged, not a shard, or made by generators that give other parts.
+        SceneError: damaged, not a shard, made by generators that give other parts, or of a
+            library that is not there.
+        ShapeError: the library is damaged.
     """
     data = _read_arrays(path)
-    library = load_shapes(path.parent / LIBRARY_FILE) \
-        if not set(data["family"]) <= set(FAMILIES) else []
+    library = find_library(path.parent) if not set(data["family"]) <= set(FAMILIES) else ()
     shape: Shape | None = None
     scenes = []
     for i, end in enumerate(np.cumsum(data["count"])):
@@ -108,13 +108,12 @@ def read_shard(path: Path) -> list[Scene]:
     return scenes
 
 
-def _find_shape(family: str, seed: int, library: list[Shape], path: Path) -> Shape:
-    """The part of a scene, generated or from the library beside the shard."""
+def _find_shape(family: str, seed: int, library: Sequence[Shape], path: Path) -> Shape:
+    """The part of a scene, generated or from the folder's library."""
     if family in FAMILIES:
         return make_shape(seed, family)
-    for shape in library:
-        if (shape.family, shape.seed) == (family, seed):
-            return shape
+    if 0 <= seed < len(library) and (shape := library[seed]).family == family:
+        return shape
     raise SceneError(f"{path}: {LIBRARY_FILE} beside it lacks part {seed}, {family}")
 
 

@@ -126,7 +126,9 @@ def _check_arrays(vertices: np.ndarray, faces: np.ndarray, family: str) -> None:
         if array.ndim != 2 or array.shape[1] != 3 or not len(array):
             raise ShapeError(f"{family}: {name} have shape {array.shape}; expected (n, 3), n > 0")
     if len(faces) > SETTINGS.max_faces:
-        raise ShapeError(f"{family}: {len(faces)} faces; expected at most {SETTINGS.max_faces}")
+        raise ShapeError(f"{family}: {len(faces)} faces; expected at most {SETTINGS.max_faces}: "
+                         "leave out threads, lettering, gratings and lattices, or export it "
+                         "coarser")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise ShapeError(f"{family}: face indices {faces.min()} to {faces.max()}; "
                          f"expected 0 to {len(vertices) - 1}")

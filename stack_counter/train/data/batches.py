@@ -46,8 +46,12 @@ SETTINGS = AugmentationSettings()
 
 
 def family_group(family: str) -> str:
-    """Names the group of families made alike: a compound part's is how it was begun."""
-    return family.split("_")[0]
+    """Names the group of families made alike: a compound part's is how it was begun.
+
+    Families of a collection, SOURCE/FAMILY, are never grouped with those of another source.
+    """
+    source, slash, name = family.rpartition("/")
+    return source + slash + name.split("_")[0]
 
 
 def assign_folds(families: list[str]) -> dict[str, int]:

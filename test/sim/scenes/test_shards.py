@@ -16,8 +16,8 @@ from stack_counter.sim.scenes import shards
 from stack_counter.sim.scenes.containers import ContainerShape
 from stack_counter.sim.scenes.pose_packing import pack_poses, unpack_poses
 from stack_counter.sim.scenes.scene import SceneError
+from stack_counter.sim.scenes.set_library import LIBRARY_FILE
 from stack_counter.sim.scenes.shards import (
-    LIBRARY_FILE,
     SCENES_PER_SHARD,
     read_failed_tries,
     read_shard,
@@ -175,6 +175,9 @@ def test_library_parts_are_read_from_the_file_beside(tmp_path):
     parts = [replace(p, vertices=p.vertices.astype(np.float32).astype(float)) for p in parts]
     want = made(0, parts[1], "bin", 12)
     write_shard(tmp_path / "shard_00000.npz", [want], Counter())
+    with pytest.raises(SceneError, match="no .*shapes.npz, .*: ln -srf FILE .*shapes.npz; "):
+        read_shard(tmp_path / "shard_00000.npz")
+    (tmp_path / LIBRARY_FILE).write_text("no archive")
     with pytest.raises(ShapeError, match="shapes.npz"):
         read_shard(tmp_path / "shard_00000.npz")
     np.savez(tmp_path / LIBRARY_FILE, families=["brick"] * 2, vertex_offsets=[0, 8, 16],

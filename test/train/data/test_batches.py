@@ -34,6 +34,12 @@ def test_no_group_of_families_is_split_and_all_folds_are_used():
     assert folds == assign_folds(families[::-1])
 
 
+def test_families_of_two_sources_are_not_of_one_group():
+    assert family_group("plate_of_bars") == "plate"
+    assert family_group("KiCad/Inductor_THT") == family_group("KiCad/Inductor_SMD")
+    assert len({family_group(f) for f in ("plate", "LDraw/plate", "my_bones/plate")}) == 3
+
+
 @pytest.mark.parametrize("rows, cols", [(30, 40), (112, 112), (300, 90)])
 def test_a_tile_keeps_the_heights_it_shows(rows, cols):
     of = sample(rows, cols).maps
