@@ -29,9 +29,11 @@ from stack_counter.types import Container
 
 @dataclass(frozen=True)
 class FloorSettings:
-    """Where the wall's shoulder ends, and what shows a container's floor.
+    """Where the wall's shoulder ends, what is seen through it, and what shows a floor.
 
     Attributes:
+        through_m: how far below the inner surface and the floor's thickness a surface lies that
+            stands behind a wall without depth, m; chosen.
         shoulder_cells: cells next to a wall in which the fused surface is the wall's rounded
             shoulder; chosen.
         flatness_m: how level a visible floor is, m; chosen.
@@ -43,6 +45,7 @@ class FloorSettings:
         max_height: height to which a higher floor may lie, relative to the rim's; chosen.
     """
 
+    through_m: float = 0.005
     shoulder_cells: float = 1.5
     flatness_m: float = 0.002
     min_gap_cells: int = 2
@@ -90,8 +93,10 @@ def _measure_in_container(surface: FusedSurface, container: Container, region: R
     inner = rim_opening.inner
     opening = np.isfinite(inner.heights)
     top = surface.heights(inner.T_world_map, pitch, inner.heights.shape)
-    seen = np.isfinite(top.heights)
-    heights = fill_unknown_cells(top.heights, _without_shoulder(opening))
+    # Below a leaning wall shows what stands behind it, where stereo has no depth on the wall.
+    lowest = inner.heights - container.floor_thickness_m - SETTINGS.through_m
+    seen = top.heights > lowest
+    heights = fill_unknown_cells(np.where(seen, top.heights, np.nan), _without_shoulder(opening))
     # Replace the assumed floor by the visible one.
     if not floor_known:
         on_floor = opening & (inner.heights <= np.float32(container.floor_thickness_m))
