@@ -46,8 +46,10 @@ class StereoScanSettings:
     """What a scan of pictures must show; all chosen.
 
     Attributes:
-        max_width_px: width up to which pictures are used whole, pixels; larger ones are scaled
-            down by a whole number.
+        max_width_px: width up to which pictures are searched whole, pixels; larger ones are
+            scaled down by a whole number.
+        max_fine_width_px: the same for the search near the surface that is found first; there is
+            none unless it is larger.
         hull_voxel_m: side of the voxels of the hull that bounds the depth, m.
         min_measured_share: least share of the stack's pixels that stereo must measure.
         min_container_share: least share of the container in the stack's pixels where there is
@@ -57,6 +59,7 @@ class StereoScanSettings:
     """
 
     max_width_px: int = 640
+    max_fine_width_px: int = 640
     hull_voxel_m: float = 0.006
     min_measured_share: float = 0.2
     min_container_share: float = 0.02
@@ -151,14 +154,18 @@ def depth_scan(views: list[View], config: ReconstructorConfig) -> StereoScan:
         ScanError: no hull, stereo sees too little of the stack, or no support to say what is up.
         ViewError: reasons `no_color`, `no_labels`.
     """
-    # Refine the poses at the size that stereo works on.
-    smaller = [scale_down(view, -(-view.intrinsics.width // SETTINGS.max_width_px))
-               for view in views]
-    refined = refine_poses(smaller)
+    # Refine the poses at the size that the surface is searched in.
+    refined = refine_poses([scale_to(view, SETTINGS.max_width_px) for view in views])
     # Carve the hull of the labels, and compute depth inside it.
     hull = carve_visual_hull(refined, max(config.voxel_size, SETTINGS.hull_voxel_m),
                              config.hull_min_share)
     with_depth = depth_from_pictures(refined, hull)
+    # Search it again in detail where the pictures are larger.
+    larger = [replace(scale_to(view, SETTINGS.max_fine_width_px),
+                      T_world_camera=coarse.T_world_camera)
+              for view, coarse in zip(views, refined)]
+    if any(fine.intrinsics != coarse.intrinsics for fine, coarse in zip(larger, refined)):
+        with_depth = depth_from_pictures(larger, hull, coarse=with_depth)
     stack_depths = np.concatenate([
         np.asarray(view.depth)[np.isin(require_labels(view), (CONTAINER, PARTS))]
         for view in with_depth])
@@ -174,6 +181,11 @@ def depth_scan(views: list[View], config: ReconstructorConfig) -> StereoScan:
     upright_hull = replace(hull, middle=geometry.apply(T, hull.middle),
                            surface=geometry.apply(T, hull.surface))
     return StereoScan(upright_views, upright_hull, geometry.inverse(T))
+
+
+def scale_to(view: View, max_width: int) -> View:
+    """Scales a view down by the least whole number by which it is at most so many pixels wide."""
+    return scale_down(view, -(-view.intrinsics.width // max_width))
 
 
 def scale_down(view: View, factor: int) -> View:
