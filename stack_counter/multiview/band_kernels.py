@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple, TypeVar
 
 import numba
@@ -14,6 +15,8 @@ _Function = TypeVar("_Function", bound=Callable)
 _WORST = np.float32(255)
 # Planes on either side of the best one that belong to its minimum.
 _PEAK_PLANES = 2
+# More than any cost or grey level; compiled with `fastmath`, infinity is not a number.
+_HUGE = np.float32(1e30)
 
 
 class Neighbours(NamedTuple):
@@ -54,7 +57,11 @@ class Band(NamedTuple):
 
 def _compiled(function: _Function) -> _Function:
     """Compiles a function; it runs without the interpreter's lock, and is kept for later runs."""
-    return numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")(function)
+    compiled = partial(numba.njit, nogil=True, fastmath=True, error_model="numpy")
+    try:
+        return compiled(cache=True)(function)
+    except RuntimeError:  # no folder to keep it in: every process compiles anew
+        return compiled()(function)
 
 
 @_compiled
@@ -146,12 +153,12 @@ def _correlate(window: np.ndarray, grey: np.ndarray, size: np.ndarray, M: np.nda
         noise_variance: added to the variance.
 
     Returns:
-        In grey levels; -inf behind the other camera.
+        In grey levels; -1e30 behind the other camera.
     """
     # Where the middle of the window falls, and how the window is warped there.
     z = M[2, 0] * u + M[2, 1] * v + M[2, 2] + m[2] * inverse_depth
     if inverse_depth <= 0 or z <= 0:
-        return np.float32(-np.inf)
+        return -_HUGE
     x = (M[0, 0] * u + M[0, 1] * v + M[0, 2] + m[0] * inverse_depth) / z
     y = (M[1, 0] * u + M[1, 1] * v + M[1, 2] + m[1] * inverse_depth) / z
     z_u, z_v = M[2, 0] + m[2] * slope[0], M[2, 1] + m[2] * slope[1]
@@ -267,7 +274,7 @@ def pick_in_band(total: np.ndarray, start: np.ndarray, searched: np.ndarray, cou
                 continue
             costs = total[row, col]
             k = np.argmin(costs)
-            second = np.float32(np.inf)
+            second = _HUGE
             for i in range(planes):
                 if abs(i - k) > _PEAK_PLANES:
                     second = min(second, costs[i])

@@ -46,9 +46,9 @@ class FineSettings:
         min_margin: lowest share by which the second best depth must cost more.
     """
 
-    planes: int = 32
+    planes: int = 20
     reach_px: int = 3
-    room: int = 5
+    room: int = 4
     slope_px: int = 6
     radius: int = 1
     grey_noise: float = 2.0

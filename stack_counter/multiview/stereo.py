@@ -33,7 +33,7 @@ from stack_counter.multiview.search_bounds import search_bounds
 from stack_counter.multiview.speckles import remove_speckles
 from stack_counter.multiview.visual_hull import VisualHull
 from stack_counter.segmentation.labels import require_labels
-from stack_counter.types import BACKGROUND, View
+from stack_counter.types import PARTS, View
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,8 @@ def depth_from_pictures(views: list[View], hull: VisualHull, settings: StereoSet
         views: pinhole views with colour, labels and poses.
         hull: space that their labels leave; the surface is searched in it.
         settings: how depth is computed.
-        coarse: the same views made smaller, with depth, near which the surface is searched; None
-            to search it in all of the hull.
+        coarse: the same views made smaller, with depth, near which that of the parts is searched;
+            None to search the surface in all of the hull.
 
     Returns:
         The views; `depth` is (h, w) float32 metres along optical z, 0 where unknown. A ring of
@@ -178,16 +178,17 @@ def _match_picture(view: View, picture: Picture, neighbours: list[Picture], hull
         neighbours: what it is compared with.
         hull: space in which the surface is searched.
         settings: how depth is computed.
-        guess: (h, w) float32 depth near which it is searched, metres, 0 where unknown.
+        guess: (h, w) float32 depth near which that of parts is searched, metres, 0 where unknown;
+            it stands where nothing better is found.
 
     Returns:
         (h, w) float32 metres, 0 where unknown.
     """
     near, far = search_bounds(view, hull)
     out = np.zeros_like(near)
-    if guess is not None:  # the support is known well enough
-        ring = require_labels(view) == BACKGROUND
-        out, far = np.where(ring & (far > 0), guess, 0), np.where(ring, 0, far)
+    if guess is not None:  # what is no part is smooth, and known well enough
+        out = np.where(far > 0, guess, 0)
+        far = np.where(require_labels(view) == PARTS, far, 0)
     rows, cols = np.nonzero(far)
     if not len(rows) or (guess is not None and not guess.any()):
         return out

@@ -120,7 +120,9 @@ def test_detail_is_found_near_the_depth_of_smaller_pictures(box):
     assert len(off) > 0.95 * len(swept)
     assert abs(np.median(off)) < 0.0005
     assert np.median(np.abs(off)) < 1.1 * np.median(np.abs(swept))
-    assert all(view.depth[view.labels == BACKGROUND].any() for view in detailed)
+    for view, small in zip(detailed, smaller):  # what is no part keeps the depth that it had
+        around = np.count_nonzero(small.depth[small.labels == BACKGROUND])
+        assert np.count_nonzero(view.depth[view.labels == BACKGROUND]) >= 2 * around
 
 
 def test_without_texture_nothing_is_known():
