@@ -95,9 +95,6 @@ def carve_closed_container(
     solid[inside] = (distance <= 0) | (count < SETTINGS.min_views)
     if not solid.any():
         raise ScanError(f"0 of {len(inside)} voxels left after carving with depth; expected some")
-    # Depth says where between two voxels the surface is, too.
-    levels = np.full(len(voxels), np.nan, np.float32)
-    levels[inside] = np.where(count >= SETTINGS.min_views, distance / side, np.nan)
     # Propagate the error of the surface, which is known better where depth decides.
     skin = _surface_voxels(solid.reshape(shape)).ravel()
     std = side**3 * (SETTINGS.depth_std_voxels * np.count_nonzero(skin & measured)
@@ -105,8 +102,7 @@ def carve_closed_container(
     return CarvedStack(
         volume=float(solid.sum() * side**3), volume_std=float(std),
         outline_volume=len(inside) * side**3, surface=voxels[skin],
-        top=_top_heights(solid.reshape(shape), levels.reshape(shape), voxels[0] - side / 2, side,
-                         plane_z),
+        top=_top_heights(solid.reshape(shape), voxels[0] - side / 2, side, plane_z),
         measured_share=float(measured[skin].mean()))
 
 
@@ -150,27 +146,16 @@ def _surface_voxels(solid: np.ndarray) -> np.ndarray:
     return solid & ~ndimage.binary_erosion(padded)[1:-1, 1:-1, 1:-1]
 
 
-def _top_heights(solid: np.ndarray, distance: np.ndarray, low: np.ndarray, side: float,
-                 plane_z: float) -> HeightMap:
-    """Returns the height of the surface of every column above the support plane.
-
-    Between the highest voxel and the empty one above it, it is where their distances from the
-    measured surfaces say; where one of them is unknown, it is the highest voxel's upper face.
+def _top_heights(solid: np.ndarray, low: np.ndarray, side: float, plane_z: float) -> HeightMap:
+    """Returns the height of the highest voxel of every column above the support plane.
 
     Args:
         solid: (x, y, z) bool.
-        distance: (x, y, z) float32 by which they lie in front of the measured surfaces, voxels,
-            NaN where unknown.
         low: (3,) lowest corner of the grid, metres, world.
         side: of a voxel, metres.
         plane_z: height of the support plane, metres, world.
     """
-    highest = solid.shape[2] - 1 - np.argmax(solid[:, :, ::-1], axis=2)
-    columns = (*np.indices(highest.shape), highest)
-    padded = np.pad(distance, ((0, 0), (0, 0), (0, 1)), constant_values=np.nan)
-    below, above = padded[columns], padded[(*columns[:2], highest + 1)]
-    crossing = below / (below - above)  # from the lower centre up
-    levels = highest + 0.5 + np.where(np.isfinite(crossing), crossing, 0.5)
+    levels = solid.shape[2] - np.argmax(solid[:, :, ::-1], axis=2)
     heights = np.where(solid.any(axis=2), levels * side, np.nan).T  # (x, y) -> (rows, cols)
     return HeightMap(geometry.pose(np.eye(3), np.array([low[0], low[1], plane_z])), side,
                      heights.astype(np.float32))

@@ -86,24 +86,6 @@ def test_the_top_is_the_roof_of_the_box(box):
     assert top.T_world_map[2, 3] == 0
 
 
-@pytest.mark.parametrize("side", [0.0046, 0.0035, 0.003])
-def test_the_roof_is_found_between_two_voxels(box, side):
-    views, carved = box
-    heights = carve_closed_container(views, carved, side, 0.0).top.heights
-    roof = heights[np.abs(heights - SIZE[2]) < side]
-    assert len(roof) > 300
-    assert np.median(roof) == pytest.approx(SIZE[2], abs=0.1 * side)
-    assert np.percentile(np.abs(roof - SIZE[2]), 80) < 0.2 * side
-
-
-def test_without_depth_the_top_is_the_upper_face_of_a_voxel(box):
-    views, carved = box
-    blind = [replace(view, depth=np.zeros_like(view.depth)) for view in views]
-    heights = carve_closed_container(blind, carved, 0.004, 0.0).top.heights
-    levels = heights[np.isfinite(heights)] / 0.004
-    assert np.abs(levels - np.round(levels)).max() < 1e-3
-
-
 def test_the_volume_stands_on_the_support(box):
     views, carved = box
     whole = carve_closed_container(views, carved, 0.002, 0.0)
