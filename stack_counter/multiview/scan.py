@@ -48,8 +48,9 @@ class StereoScanSettings:
     Attributes:
         max_width_px: width up to which pictures are searched whole, pixels; larger ones are
             scaled down by a whole number.
-        max_fine_width_px: the same for the search near the surface that is found first; there is
-            none unless it is larger.
+        max_fine_width_px: the same for the search of parts near what is found in smaller
+            pictures; there is none unless it is larger.
+        coarse_width_px: the same for what is searched whole before that.
         hull_voxel_m: side of the voxels of the hull that bounds the depth, m.
         min_measured_share: least share of the stack's pixels that stereo must measure.
         min_container_share: least share of the container in the stack's pixels where there is
@@ -59,7 +60,8 @@ class StereoScanSettings:
     """
 
     max_width_px: int = 640
-    max_fine_width_px: int = 640
+    max_fine_width_px: int = 1280
+    coarse_width_px: int = 440
     hull_voxel_m: float = 0.006
     min_measured_share: float = 0.2
     min_container_share: float = 0.02
@@ -159,13 +161,7 @@ def depth_scan(views: list[View], config: ReconstructorConfig) -> StereoScan:
     # Carve the hull of the labels, and compute depth inside it.
     hull = carve_visual_hull(refined, max(config.voxel_size, SETTINGS.hull_voxel_m),
                              config.hull_min_share)
-    with_depth = depth_from_pictures(refined, hull)
-    # Search it again in detail where the pictures are larger.
-    larger = [replace(scale_to(view, SETTINGS.max_fine_width_px),
-                      T_world_camera=coarse.T_world_camera)
-              for view, coarse in zip(views, refined)]
-    if any(fine.intrinsics != coarse.intrinsics for fine, coarse in zip(larger, refined)):
-        with_depth = depth_from_pictures(larger, hull, coarse=with_depth)
+    with_depth = _depth_in_detail(views, refined, hull)
     stack_depths = np.concatenate([
         np.asarray(view.depth)[np.isin(require_labels(view), (CONTAINER, PARTS))]
         for view in with_depth])
@@ -181,6 +177,25 @@ def depth_scan(views: list[View], config: ReconstructorConfig) -> StereoScan:
     upright_hull = replace(hull, middle=geometry.apply(T, hull.middle),
                            surface=geometry.apply(T, hull.surface))
     return StereoScan(upright_views, upright_hull, geometry.inverse(T))
+
+
+def _depth_in_detail(views: list[View], refined: list[View], hull: VisualHull) -> list[View]:
+    """Computes depth at the size of the refined views; of larger pictures, first of smaller ones.
+
+    Args:
+        views: as they came.
+        refined: the same, not above `max_width_px`, with refined poses.
+        hull: of their labels.
+    """
+    def scaled(width: int) -> list[View]:
+        return [replace(scale_to(view, width), T_world_camera=other.T_world_camera)
+                for view, other in zip(views, refined)]
+
+    larger = scaled(SETTINGS.max_fine_width_px)
+    if all(fine.intrinsics == view.intrinsics for fine, view in zip(larger, refined)):
+        return depth_from_pictures(refined, hull)
+    coarse = depth_from_pictures(scaled(SETTINGS.coarse_width_px), hull)
+    return depth_from_pictures(larger, hull, coarse=coarse)
 
 
 def scale_to(view: View, max_width: int) -> View:

@@ -3,7 +3,7 @@
 
     hull = carve_visual_hull(views, voxel_size, min_share)
     views = depth_from_pictures(views, hull)    # the same views with depth
-    larger = depth_from_pictures(larger, hull, coarse=views)    # of the same pictures, in detail
+    larger = depth_from_pictures(larger, hull, coarse=views)    # of larger ones, near that
 
 Source: paper, section 3.3, whose depth comes from posed pictures too; the checks between views
 are those of Schoenberger et al., "Pixelwise View Selection for Unstructured Multi-View Stereo"
@@ -22,7 +22,6 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.errors import ScanError, ViewError
-from stack_counter.multiview.fine_matching import match_finely
 from stack_counter.multiview.plane_sweep import (
     Picture,
     aggregate_paths,
@@ -204,6 +203,7 @@ def _match_picture(view: View, picture: Picture, neighbours: list[Picture], hull
     planes = _inverse_depths(view, neighbours, hull, float(near[far > 0].min()),
                              float(far.max()), settings, detailed=guess is not None)
     if guess is not None:
+        from stack_counter.multiview.fine_matching import match_finely  # numba is slow to load
         position = match_finely(part, neighbours, guess[window], far > 0, planes)
     else:
         position = _sweep(part, neighbours, near, far, planes, settings)

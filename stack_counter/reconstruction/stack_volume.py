@@ -33,7 +33,7 @@ class FloorSettings:
 
     Attributes:
         through_m: how far below the inner surface and the floor's thickness a surface lies that
-            stands behind a wall without depth, m; chosen.
+            stands behind the wall, m; chosen.
         shoulder_cells: cells next to a wall in which the fused surface is the wall's rounded
             shoulder; chosen.
         flatness_m: how level a visible floor is, m; chosen.
@@ -93,10 +93,12 @@ def _measure_in_container(surface: FusedSurface, container: Container, region: R
     inner = rim_opening.inner
     opening = np.isfinite(inner.heights)
     top = surface.heights(inner.T_world_map, pitch, inner.heights.shape)
-    # Below a leaning wall shows what stands behind it, where stereo has no depth on the wall.
+    seen = np.isfinite(top.heights)
+    # Below a leaning wall shows what stands behind it, where the fused surface has lost the wall.
     lowest = inner.heights - container.floor_thickness_m - SETTINGS.through_m
-    seen = top.heights > lowest
-    heights = fill_unknown_cells(np.where(seen, top.heights, np.nan), _without_shoulder(opening))
+    below = top.heights < lowest
+    heights = fill_unknown_cells(np.where(below, np.nan, top.heights),
+                                 _without_shoulder(opening))
     # Replace the assumed floor by the visible one.
     if not floor_known:
         on_floor = opening & (inner.heights <= np.float32(container.floor_thickness_m))
@@ -108,7 +110,7 @@ def _measure_in_container(surface: FusedSurface, container: Container, region: R
             rim_opening = map_rim_opening(container, pitch)
             inner = rim_opening.inner
     # Integrate the fill between the two surfaces.
-    integral = integrate_fill((heights - inner.heights)[opening], seen[opening],
+    integral = integrate_fill((heights - inner.heights)[opening], (seen & ~below)[opening],
                               rim_opening.area / np.count_nonzero(opening),
                               model.hidden_share_one_side if one_side else model.hidden_share,
                               model.worn_height_m)
@@ -123,8 +125,8 @@ def _measure_in_container(surface: FusedSurface, container: Container, region: R
         integral=integral, stack_volume_std=volume_std(integral, boundary, region.noise, model),
         boundary=boundary,
         top=replace(top, heights=np.where(opening, heights, np.nan).astype(np.float32)),
-        inner=inner, seen=seen, coverage=float(seen[opening].mean()), fill_level=fill_level,
-        container=container)
+        inner=inner, seen=seen, below=below, coverage=float(seen[opening].mean()),
+        fill_level=fill_level, container=container)
 
 
 def _rim_length(container: Container) -> float:
