@@ -17,7 +17,6 @@ REQUIRES = [
     "mcap>=1.6",  # (no key of its own: comes with mcap-ros2-support)
     "lz4>=4.4",  # (no key: comes with mcap)
     "mcap-ros2-support>=0.6",
-    "numba>=0.68",  # (no key)
     "numpy>=1.26.4",
     "open3d>=0.20",
     "opencv-python-headless>=4.11",

@@ -48,7 +48,6 @@ LIBRARIES = {
     r"open3d": "views fusion sim teaching eval",
     r"yourdfpy": "views",
     r"small_gicp": "fusion",
-    r"numba": "multiview",
     r"tqdm": "progress",
     r"pycolmap|PIL|pillow_heif": "pictures",
     r"torch": "occupancy container segmentation train",

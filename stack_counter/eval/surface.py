@@ -21,7 +21,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.eval.common.band_power import EDGES, BandPower, band_powers
 from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.sets import find_set_folder
-from stack_counter.multiview.scan import scale_to
+from stack_counter.multiview.scan import scale_down
 from stack_counter.progress import progress, write_line
 from stack_counter.reconstruction import PictureReconstruction
 from stack_counter.sim import DepthCamera, RayCaster, Scene, read_scenes, record
@@ -97,7 +97,7 @@ def measure_surface(scene: Scene, views: list[View]) -> SurfaceCase | None:
     # Errors of depth, at the size that stereo worked on
     errors = []
     for view, true in zip(scan.stereo.views, views):
-        true = scale_to(true, view.intrinsics.width)
+        true = scale_down(true, true.intrinsics.width // view.intrinsics.width)
         assert view.depth is not None and true.depth is not None  # for the type checker
         parts = (true.labels == PARTS) & (true.depth > 0)
         errors.append(np.where(view.depth > 0, view.depth - true.depth, np.nan)[parts])

@@ -46,11 +46,8 @@ class StereoScanSettings:
     """What a scan of pictures must show; all chosen.
 
     Attributes:
-        max_width_px: width up to which pictures are searched whole, pixels; larger ones are
-            scaled down by a whole number.
-        max_fine_width_px: the same for the search of parts near what is found in smaller
-            pictures; there is none unless it is larger.
-        coarse_width_px: the same for what is searched whole before that.
+        max_width_px: width up to which pictures are used whole, pixels; larger ones are scaled
+            down by a whole number.
         hull_voxel_m: side of the voxels of the hull that bounds the depth, m.
         min_measured_share: least share of the stack's pixels that stereo must measure.
         min_container_share: least share of the container in the stack's pixels where there is
@@ -60,8 +57,6 @@ class StereoScanSettings:
     """
 
     max_width_px: int = 640
-    max_fine_width_px: int = 1280
-    coarse_width_px: int = 440
     hull_voxel_m: float = 0.006
     min_measured_share: float = 0.2
     min_container_share: float = 0.02
@@ -156,12 +151,14 @@ def depth_scan(views: list[View], config: ReconstructorConfig) -> StereoScan:
         ScanError: no hull, stereo sees too little of the stack, or no support to say what is up.
         ViewError: reasons `no_color`, `no_labels`.
     """
-    # Refine the poses at the size that the surface is searched in.
-    refined = refine_poses([scale_to(view, SETTINGS.max_width_px) for view in views])
+    # Refine the poses at the size that stereo works on.
+    smaller = [scale_down(view, -(-view.intrinsics.width // SETTINGS.max_width_px))
+               for view in views]
+    refined = refine_poses(smaller)
     # Carve the hull of the labels, and compute depth inside it.
     hull = carve_visual_hull(refined, max(config.voxel_size, SETTINGS.hull_voxel_m),
                              config.hull_min_share)
-    with_depth = _depth_in_detail(views, refined, hull)
+    with_depth = depth_from_pictures(refined, hull)
     stack_depths = np.concatenate([
         np.asarray(view.depth)[np.isin(require_labels(view), (CONTAINER, PARTS))]
         for view in with_depth])
@@ -177,30 +174,6 @@ def depth_scan(views: list[View], config: ReconstructorConfig) -> StereoScan:
     upright_hull = replace(hull, middle=geometry.apply(T, hull.middle),
                            surface=geometry.apply(T, hull.surface))
     return StereoScan(upright_views, upright_hull, geometry.inverse(T))
-
-
-def _depth_in_detail(views: list[View], refined: list[View], hull: VisualHull) -> list[View]:
-    """Computes depth at the size of the refined views; of larger pictures, first of smaller ones.
-
-    Args:
-        views: as they came.
-        refined: the same, not above `max_width_px`, with refined poses.
-        hull: of their labels.
-    """
-    def scaled(width: int) -> list[View]:
-        return [replace(scale_to(view, width), T_world_camera=other.T_world_camera)
-                for view, other in zip(views, refined)]
-
-    larger = scaled(SETTINGS.max_fine_width_px)
-    if all(fine.intrinsics == view.intrinsics for fine, view in zip(larger, refined)):
-        return depth_from_pictures(refined, hull)
-    coarse = depth_from_pictures(scaled(SETTINGS.coarse_width_px), hull)
-    return depth_from_pictures(larger, hull, coarse=coarse)
-
-
-def scale_to(view: View, max_width: int) -> View:
-    """Scales a view down by the least whole number by which it is at most so many pixels wide."""
-    return scale_down(view, -(-view.intrinsics.width // max_width))
 
 
 def scale_down(view: View, factor: int) -> View:

@@ -3,7 +3,6 @@
 
     hull = carve_visual_hull(views, voxel_size, min_share)
     views = depth_from_pictures(views, hull)    # the same views with depth
-    larger = depth_from_pictures(larger, hull, coarse=views)    # of larger ones, near that
 
 Source: paper, section 3.3, whose depth comes from posed pictures too; the checks between views
 are those of Schoenberger et al., "Pixelwise View Selection for Unstructured Multi-View Stereo"
@@ -13,7 +12,6 @@ are those of Schoenberger et al., "Pixelwise View Selection for Unstructured Mul
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -29,10 +27,8 @@ from stack_counter.multiview.plane_sweep import (
     sweep_planes,
 )
 from stack_counter.multiview.search_bounds import search_bounds
-from stack_counter.multiview.speckles import remove_speckles
 from stack_counter.multiview.visual_hull import VisualHull
-from stack_counter.segmentation.labels import require_labels
-from stack_counter.types import PARTS, View
+from stack_counter.types import View
 
 
 @dataclass(frozen=True)
@@ -46,10 +42,12 @@ class StereoSettings:
         angle_share: where in that range the preferred angle lies, 0 to 1.
         radius: of the correlation window, pixels.
         min_planes, max_planes: range of the number of depths that are tried.
-        max_fine_planes: largest number of depths of which each pixel tries a few.
         step_cost, jump_cost: costs of a step by one plane and of a larger jump between
             neighbouring pixels.
         min_margin: lowest share by which the second best depth must cost more.
+        speckle_levels: steps between two planes in which islands are told apart.
+        min_speckle_px: smallest island that is kept, pixels.
+        pixels_per_speckle_px: the same for large pictures: one pixel for so many of the picture.
         tolerance: relative difference at which depths of two views agree.
         through_tolerances: relative difference, in tolerances, beyond which a view looks through
             a point.
@@ -65,10 +63,12 @@ class StereoSettings:
     radius: int = 1
     min_planes: int = 16
     max_planes: int = 224
-    max_fine_planes: int = 2000
     step_cost: int = 60
     jump_cost: int = 600
     min_margin: float = 0.02
+    speckle_levels: int = 16
+    min_speckle_px: int = 20
+    pixels_per_speckle_px: int = 5000
     tolerance: float = 0.01
     through_tolerances: float = 3.0
     agree_angle: float = 1.5
@@ -78,16 +78,14 @@ class StereoSettings:
 SETTINGS = StereoSettings()
 
 
-def depth_from_pictures(views: list[View], hull: VisualHull, settings: StereoSettings = SETTINGS,
-                        coarse: Sequence[View] | None = None) -> list[View]:
+def depth_from_pictures(views: list[View], hull: VisualHull, settings: StereoSettings = SETTINGS
+                        ) -> list[View]:
     """Computes the depth of views by multi-view stereo on their colour images.
 
     Args:
         views: pinhole views with colour, labels and poses.
         hull: space that their labels leave; the surface is searched in it.
         settings: how depth is computed.
-        coarse: the same views made smaller, with depth, near which that of the parts is searched;
-            None to search the surface in all of the hull.
 
     Returns:
         The views; `depth` is (h, w) float32 metres along optical z, 0 where unknown. A ring of
@@ -106,8 +104,7 @@ def depth_from_pictures(views: list[View], hull: VisualHull, settings: StereoSet
 
     def compute_depth(i: int) -> np.ndarray:
         neighbours = [pictures[j] for j in choose_neighbours(angles, i, settings)]
-        guess = None if coarse is None else _depth_at_size(coarse[i], views[i])
-        return _match_picture(views[i], pictures[i], neighbours, hull, settings, guess)
+        return _match_picture(views[i], pictures[i], neighbours, hull, settings)
 
     # Match every picture with its neighbours; numpy and OpenCV release the interpreter's lock.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -159,37 +156,17 @@ def choose_neighbours(angles: np.ndarray, i: int, settings: StereoSettings) -> l
     return chosen or order[:2]
 
 
-def _depth_at_size(coarse: View, view: View) -> np.ndarray:
-    """Returns the (h, w) float32 depth of a smaller view at the pixels of the same one, larger."""
-    assert coarse.depth is not None  # for the type checker
-    to_coarse = (coarse.intrinsics.K @ np.linalg.inv(view.intrinsics.K))[:2]
-    return cv2.warpAffine(coarse.depth, to_coarse, (view.intrinsics.width, view.intrinsics.height),
-                          flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP,
-                          borderMode=cv2.BORDER_REPLICATE)
-
-
 def _match_picture(view: View, picture: Picture, neighbours: list[Picture], hull: VisualHull,
-                   settings: StereoSettings, guess: np.ndarray | None = None) -> np.ndarray:
+                   settings: StereoSettings) -> np.ndarray:
     """Returns the depth on which a picture agrees best with its neighbours.
-
-    Args:
-        view, picture: the reference.
-        neighbours: what it is compared with.
-        hull: space in which the surface is searched.
-        settings: how depth is computed.
-        guess: (h, w) float32 depth near which that of parts is searched, metres, 0 where unknown;
-            it stands where nothing better is found.
 
     Returns:
         (h, w) float32 metres, 0 where unknown.
     """
     near, far = search_bounds(view, hull)
     out = np.zeros_like(near)
-    if guess is not None:  # what is no part is smooth, and known well enough
-        out = np.where(far > 0, guess, 0)
-        far = np.where(require_labels(view) == PARTS, far, 0)
     rows, cols = np.nonzero(far)
-    if not len(rows) or (guess is not None and not guess.any()):
+    if not len(rows):
         return out
     # Crop to where depth is searched.
     pad = 4 * settings.radius
@@ -199,45 +176,26 @@ def _match_picture(view: View, picture: Picture, neighbours: list[Picture], hull
     K[:2, 2] -= window[1].start, window[0].start
     part = Picture(np.ascontiguousarray(picture.grey[window]), K, picture.T_world_camera)
     near, far = near[window], far[window]
-    # Choose planes through the bounds, and find the best of every pixel.
+    # Compare the pictures on planes through the bounds.
     planes = _inverse_depths(view, neighbours, hull, float(near[far > 0].min()),
-                             float(far.max()), settings, detailed=guess is not None)
-    if guess is not None:
-        from stack_counter.multiview.fine_matching import match_finely  # numba is slow to load
-        position = match_finely(part, neighbours, guess[window], far > 0, planes)
-    else:
-        position = _sweep(part, neighbours, near, far, planes, settings)
-    position = remove_speckles(position)
-    # Turn positions among the planes into depth.
-    inverse_depth = np.interp(position, np.arange(len(planes)), planes)
-    out[window] = np.where(position >= 0, 1 / inverse_depth, out[window])
-    return out
-
-
-def _sweep(picture: Picture, neighbours: list[Picture], near: np.ndarray, far: np.ndarray,
-           planes: np.ndarray, settings: StereoSettings) -> np.ndarray:
-    """Returns (h, w) float32 positions among planes where a picture agrees best; -1 if unknown.
-
-    Args:
-        picture: the reference.
-        neighbours: what it is compared with.
-        near, far: (h, w) float32 bounds of the depth, metres, 0 where none is searched.
-        planes: (d,) float64 inverse depths, 1/m.
-        settings: how depth is computed.
-    """
+                             float(far.max()), settings)
     with np.errstate(divide="ignore"):
         low, high = np.where(far > 0, 1 / far, np.inf), 1 / near
     allowed = (planes[:, None, None] >= low) & (planes[:, None, None] <= high)
-    cost = sweep_planes(picture, neighbours, planes, allowed, settings.radius)
+    cost = sweep_planes(part, neighbours, planes, allowed, settings.radius)
     # Aggregate the costs along paths, and take the clear minima.
-    total = aggregate_paths(cost, picture.grey, settings.step_cost, settings.jump_cost)
+    total = aggregate_paths(cost, part.grey, settings.step_cost, settings.jump_cost)
     best = find_best_planes(total, allowed)
     good = (best.position >= 0) & (best.margin >= settings.min_margin)
-    return np.where(good, best.position, -1)
+    position = _remove_speckles(np.where(good, best.position, -1), part.grey.size, settings)
+    # Turn positions among the planes into depth.
+    inverse_depth = np.interp(position, np.arange(len(planes)), planes)
+    out[window] = np.where(position >= 0, 1 / inverse_depth, 0)
+    return out
 
 
 def _inverse_depths(view: View, neighbours: list[Picture], hull: VisualHull, near: float,
-                    far: float, settings: StereoSettings, detailed: bool = False) -> np.ndarray:
+                    far: float, settings: StereoSettings) -> np.ndarray:
     """Returns inverse depths in steps of about a pixel in the neighbour that moves most.
 
     Args:
@@ -246,7 +204,6 @@ def _inverse_depths(view: View, neighbours: list[Picture], hull: VisualHull, nea
         hull: its middle is on the line whose pixels are counted.
         near, far: bounds of the depth, metres.
         settings: bounds of the number.
-        detailed: each pixel will try a few of them, so that there may be many.
 
     Returns:
         (d,) float64, 1/m, from far to near.
@@ -259,9 +216,28 @@ def _inverse_depths(view: View, neighbours: list[Picture], hull: VisualHull, nea
         local = geometry.apply(geometry.inverse(other.T_world_camera), ends) @ other.K.T
         lengths.append(np.linalg.norm(np.diff(local[:, :2] / local[:, 2:], axis=0)))
     # Take a plane for each pixel of the longest.
-    most = settings.max_fine_planes if detailed else settings.max_planes
-    count = int(np.clip(np.max(lengths), settings.min_planes, most))
+    count = int(np.clip(np.max(lengths), settings.min_planes, settings.max_planes))
     return np.linspace(1 / far, 1 / near, count)
+
+
+def _remove_speckles(position: np.ndarray, pixels: int, settings: StereoSettings) -> np.ndarray:
+    """Smooths positions among the planes, and removes small islands that stand apart.
+
+    Args:
+        position: (h, w) float32, -1 where unknown.
+        pixels: number of pixels of the picture.
+        settings: what an island is.
+
+    Returns:
+        (h, w) float32, -1 where unknown or removed.
+    """
+    levels = settings.speckle_levels
+    smooth = cv2.medianBlur(position.astype(np.float32), 3)
+    position = np.where((position >= 0) & (smooth >= 0), smooth, -1)
+    steps = np.round(position * levels).astype(np.int16)
+    smallest = max(settings.min_speckle_px, pixels // settings.pixels_per_speckle_px)
+    cv2.filterSpeckles(steps, -levels, smallest, 2 * levels)
+    return np.where(steps >= 0, position, -1)
 
 
 def _consistent_depth(views: list[View], i: int, angles: np.ndarray, settings: StereoSettings

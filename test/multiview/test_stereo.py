@@ -107,24 +107,6 @@ def test_half_the_resolution_keeps_calibration_and_scale():
     assert abs(np.median(off)) < 0.0015
 
 
-def test_detail_is_found_near_the_depth_of_smaller_pictures(box):
-    views, truth, carved, found = box
-    smaller = depth_from_pictures([scale_down(view, 2) for view in views], carved)
-    detailed = depth_from_pictures(views, carved, coarse=smaller)
-
-    def errors(views):
-        return np.concatenate([(view.depth - ideal)[(view.depth > 0) & (view.labels == PARTS)]
-                               for view, ideal in zip(views, truth)])
-
-    off, swept = errors(detailed), errors(found)
-    assert len(off) > 0.95 * len(swept)
-    assert abs(np.median(off)) < 0.0005
-    assert np.median(np.abs(off)) < 1.1 * np.median(np.abs(swept))
-    for view, small in zip(detailed, smaller):  # what is no part keeps the depth that it had
-        around = np.count_nonzero(small.depth[small.labels == BACKGROUND])
-        assert np.count_nonzero(view.depth[view.labels == BACKGROUND]) >= 2 * around
-
-
 def test_without_texture_nothing_is_known():
     views, _ = scan(lambda points: np.full(points.shape[:-1], 120, np.float32))
     found = depth_from_pictures(views, visual_hull.carve_visual_hull(views, 0.008, 0.5))
