@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -14,7 +14,8 @@ EDGES = (4.0, 2.0, 1.0, 0.5, 0.25)
 _HALVING_STD = float(np.sqrt(np.log(2) / 2) / np.pi)
 
 
-class BandPower(NamedTuple):
+@dataclass(frozen=True)
+class BandPower:
     """Heights whose waves are between two lengths.
 
     Attributes:
