@@ -24,8 +24,7 @@ from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.multiview.scan import scale_down
 from stack_counter.progress import progress, write_line
 from stack_counter.reconstruction import PictureReconstruction
-from stack_counter.sim import DepthCamera, RayCaster, Scene, read_scenes, record
-from stack_counter.sim.camera.recording import CAMERA
+from stack_counter.sim import CAMERA, DepthCamera, RayCaster, Scene, read_scenes, record
 from stack_counter.types import PARTS, HeightMap, Intrinsics, View
 
 _IDEAL = DepthCamera(sigma_m=0.0, sigma_per_m2=0.0, step_m=1e-6)
