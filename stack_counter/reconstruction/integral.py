@@ -82,6 +82,8 @@ class MeasuredStack:
         top: highest surface over the footprint, unseen cells filled in from those beside them.
         inner: inner surface of the container, or the support plane below a heap.
         seen: (rows, cols) bool, the cells of the two maps that a view saw.
+        below: (rows, cols) bool, those in which it saw what is below the container's wall; they
+            are filled in like unseen ones.
         coverage: share of the footprint that was seen, 0 to 1.
         fill_level: 1st percentile, mean and 99th percentile of the fill, relative to the
             container's depth; zeros for a heap.
@@ -94,6 +96,7 @@ class MeasuredStack:
     top: HeightMap
     inner: HeightMap
     seen: np.ndarray
+    below: np.ndarray
     coverage: float
     fill_level: tuple[float, float, float]
     container: Container
