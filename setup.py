@@ -15,9 +15,11 @@ VERSION = "0.1.0"
 
 REQUIRES = [
     "mcap>=1.6",  # (no key of its own: comes with mcap-ros2-support)
+    "jinja2>=3.1.6",
     "lz4>=4.4",  # (no key: comes with mcap)
     "mcap-ros2-support>=0.6",
     "numpy>=1.26.4",
+    "onnxruntime>=1.23.2",  # (no key); the last for Python 3.10
     "open3d>=0.20",
     "opencv-python-headless>=4.11",
     "pyyaml>=6.0.3",
@@ -70,6 +72,8 @@ EXTRAS = {
         "manifold3d>=3.5.4",
         "matplotlib>=3.10",
     ],
+    # Trained networks as graphs for ONNX Runtime (no keys).
+    "train": ["onnx>=1.23.2", "onnxscript>=0.7.2"],
     # SAM 2, DINOv2 and Depth Anything V2; the weights are the user's own.
     "models": ["transformers>=5.24; python_version >= '3.11'"],
     # URDF of a robot that is left out of depth (no key).
@@ -109,7 +113,8 @@ if __name__ == "__main__":  # scripts/setup.sh imports the lists above
         author="stack_counter maintainers",
         python_requires=">=3.10,<3.14",
         packages=find_packages(include=[NAME, f"{NAME}.*"]),
-        package_data={NAME: ["py.typed", "weights/*"]},
+        package_data={NAME: ["py.typed", "weights/*", "display/page/*.j2", "display/page/*.css",
+                              "display/page/*.js", "display/page/model_viewer/*"]},
         data_files=[
             ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
             (f"share/{NAME}", ["package.xml"]),

@@ -38,9 +38,11 @@ def make_count(volume: StackVolume, unit_volume: float, estimate: OccupancyEstim
     expected = estimate.gamma * volume.stack_volume / check_unit_volume(unit_volume)
     count = round(expected)
     low = high = float(count)
+    distribution = None
     if volume.stack_volume > 0:
         spread = math.hypot(estimate.gamma_std / estimate.gamma,
                             volume.stack_volume_std / volume.stack_volume)
+        distribution = expected * np.exp(np.sort(estimate.scores) * spread)
         low, high = (expected * math.exp(conformal_quantile(estimate.scores, share) * spread)
                      for share in ((1 - confidence) / 2, (1 + confidence) / 2))
     result = StackCount(
@@ -48,7 +50,8 @@ def make_count(volume: StackVolume, unit_volume: float, estimate: OccupancyEstim
                                      max(math.ceil(high - _ROUNDING), count)),
         confidence=confidence, gamma=estimate.gamma, gamma_std=estimate.gamma_std,
         unit_volume=unit_volume, volume=volume, estimator=estimate.estimator,
-        gamma_shares=estimate.shares, counted_scans=estimate.counted_scans)
+        gamma_shares=estimate.shares, counted_scans=estimate.counted_scans,
+        distribution=distribution)
     return with_reasons(result, *volume.reasons, *estimate.reasons)
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
+from stack_counter import rotations
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.types import UNSEEN, Intrinsics, View
 
@@ -72,7 +72,7 @@ def pose_from_quaternion(quaternion: np.ndarray, translation: np.ndarray) -> np.
         raise ViewError("bad_pose", f"quaternion {q.tolist()} with translation {t.tolist()}; "
                                     "expected finite numbers and a norm of 1")
     steps = np.round(q / q[np.argmax(np.abs(q))] / SETTINGS.quaternion_step)
-    return pose(Rotation.from_quat(steps * SETTINGS.quaternion_step).as_matrix(), t)
+    return pose(rotations.matrix_from_quaternion(steps * SETTINGS.quaternion_step), t)
 
 
 def canonical_pose(T: np.ndarray) -> np.ndarray:
@@ -86,7 +86,7 @@ def canonical_pose(T: np.ndarray) -> np.ndarray:
 
 def quaternion_from_pose(T: np.ndarray) -> np.ndarray:
     """(4,) quaternion (x, y, z, w), w >= 0, of the rotation of a (4, 4) transform."""
-    return Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
+    return rotations.quaternion_from_matrix(T[:3, :3])
 
 
 def look_at(eye: np.ndarray, target: np.ndarray, up: np.ndarray = np.array([0.0, 0, 1])
@@ -206,8 +206,8 @@ def nearest_point_to_rays(origins: np.ndarray, directions: np.ndarray) -> np.nda
 
 def interpolate_pose(T_a: np.ndarray, T_b: np.ndarray, share: float) -> np.ndarray:
     """The pose at `share` (0 to 1) of the way from one to the other: slerp and a straight line."""
-    rotation = Slerp([0, 1], Rotation.from_matrix([T_a[:3, :3], T_b[:3, :3]]))(share)
-    return pose(rotation.as_matrix(), (1 - share) * T_a[:3, 3] + share * T_b[:3, 3])
+    rotation = rotations.interpolate_rotation(T_a[:3, :3], T_b[:3, :3], share)
+    return pose(rotation, (1 - share) * T_a[:3, 3] + share * T_b[:3, 3])
 
 
 def pose_change(T_a: np.ndarray, T_b: np.ndarray) -> tuple[float, float]:

@@ -9,7 +9,6 @@ Source: paper, section 3: count = gamma * V / v.
 from __future__ import annotations
 
 import math
-import time
 from collections import Counter
 from dataclasses import replace
 
@@ -18,14 +17,13 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import configured_container
-from stack_counter.counting import make_count
 from stack_counter.errors import ConfigError, ScanError, ViewError
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
-from stack_counter.parts.informed_gamma import estimate_occupancy
 from stack_counter.reconstruction import DepthReconstruction, PictureReconstruction
 from stack_counter.reconstruction.stage_timer import StageTimer
 from stack_counter.segmentation.scan_labels import ScanLabels
+from stack_counter.stack_count import count_stack
 from stack_counter.types import StackCount, StackVolume, View, ViewTally
 
 
@@ -126,7 +124,7 @@ class StackCounter:
             ScanError: too few views, nothing left after carving, or nothing to read gamma from.
             PartError: the part's volume is no positive number.
         """
-        return count_stack(self.volume(), part, estimator, confidence)
+        return count_stack(self.volume(), part, estimator, confidence)  # 7, 8. gamma * V / v.
 
     @property
     def tally(self) -> ViewTally:
@@ -162,17 +160,3 @@ class StackCounter:
         """Depth is fused; pictures and labels are carved, by stereo depth where they allow it."""
         kind = PictureReconstruction if first.depth is None else DepthReconstruction
         return kind(self._config, self._unit_volume)
-
-
-def count_stack(volume: StackVolume, part: Part, estimator: OccupancyEstimator,
-                confidence: float) -> StackCount:
-    """Estimates gamma, joined with what is known of the part, and counts.
-
-    Raises:
-        ScanError: there is nothing to read gamma from.
-        PartError: the part's volume is no positive number.
-    """
-    begin = time.perf_counter()
-    estimate = estimate_occupancy(volume, part, estimator)  # 7. gamma.
-    count = make_count(volume, part.unit_volume, estimate, confidence)  # 8. gamma * V / v.
-    return replace(count, seconds={**volume.seconds, "gamma": time.perf_counter() - begin})

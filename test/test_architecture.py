@@ -14,28 +14,34 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "stack_counter"
 
 # The ground: modules directly in the package. Each may import those before it.
-GROUND = ("errors", "types", "named_region", "parameter_files", "config", "geometry", "files",
-          "pretrained", "counting", "child_processes", "progress")
+GROUND = ("errors", "types", "named_region", "parameter_files", "config", "rotations", "geometry",
+          "files", "pretrained", "inference", "counting", "child_processes", "progress")
 # Package -> which others it may import besides the ground; only what stands above it here.
 LAYERS = {
-    "views": (), "fusion": (), "display": (), "occupancy": (),
+    "lean_open3d": (), "views": ("lean_open3d",), "fusion": ("lean_open3d",), "display": (),
+    "occupancy": (),
     "container": ("fusion",),
     "segmentation": ("fusion", "container"),
     "multiview": ("fusion", "segmentation"),
-    "reconstruction": ("fusion", "container", "segmentation", "multiview", "display"),
+    "reconstruction": ("views.checkup", "fusion", "container", "segmentation", "multiview",
+                       "display"),
     "parts": ("fusion", "occupancy", "reconstruction"),
-    "pipeline": ("container", "segmentation", "occupancy", "reconstruction", "parts"),
+    "stack_count": ("occupancy", "parts"),
+    "pipeline": ("container", "segmentation", "occupancy", "reconstruction", "parts",
+                 "stack_count"),
     "region_counters": ("pipeline",),
-    "bag": ("views", "segmentation", "occupancy", "parts", "pipeline", "region_counters"),
+    "bag": ("views", "segmentation", "occupancy", "parts", "stack_count", "pipeline",
+            "region_counters"),
     "pictures": ("bag",),
     "ros": ("views", "display", "bag"),
-    "nodes": ("views", "display", "occupancy", "parts", "pipeline", "region_counters",
+    "nodes": ("views", "display", "occupancy", "parts", "stack_count", "region_counters",
               "bag.recorder", "ros"),
-    "sim": ("occupancy", "pipeline", "bag"),
-    "teaching": ("fusion", "container", "occupancy", "parts", "pipeline", "bag", "sim"),
+    "sim": ("lean_open3d", "occupancy", "pipeline", "bag"),
+    "teaching": ("lean_open3d", "fusion", "container", "occupancy", "parts", "pipeline", "bag",
+                 "sim"),
     "train": ("fusion", "container", "occupancy", "parts", "reconstruction", "pipeline", "sim"),
-    "eval": ("views", "multiview", "occupancy", "parts", "reconstruction", "pipeline", "sim",
-             "teaching"),
+    "eval": ("lean_open3d", "views", "multiview", "occupancy", "parts", "reconstruction",
+             "stack_count", "pipeline", "sim", "teaching"),
     "cli": ("*",),
 }
 FACES = {"sim", "teaching", "train"}  # of these the others import what their __init__ names
@@ -45,14 +51,17 @@ LIBRARIES = {
     r"\w+_msgs|\w+_srvs|\w+_interfaces": "ros nodes",
     r"foxglove": "ros",
     r"mcap|mcap_ros2|rosbags|rosbag2_py": "bag",
-    r"open3d": "views fusion sim teaching eval",
+    r"open3d": "lean_open3d",
     r"yourdfpy": "views",
     r"small_gicp": "fusion",
     r"tqdm": "progress",
     r"pycolmap|PIL|pillow_heif": "pictures",
-    r"torch": "occupancy container segmentation train",
+    r"torch": "occupancy segmentation train",
+    r"onnx": "train",
+    r"onnxruntime": "inference",
     r"sapien|coacd|manifold3d": "sim",
     r"matplotlib": "sim train eval",
+    r"jinja2": "display",
 }
 ROS_AND_BAGS = ("rclpy", "mcap", "rosbags", "sapien", "coacd", "manifold3d")
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
@@ -152,7 +161,8 @@ def test_imports_are_allowed(path):
     ("fusion/tsdf.py", "import rclpy"),
     ("fusion/tsdf.py", "from stack_counter.container import rim"),
     ("fusion/tsdf.py", "import torch"),
-    ("container/rim.py", "import open3d as o3d"),
+    ("fusion/tsdf.py", "import open3d as o3d"),
+    ("container/rim.py", "from stack_counter.lean_open3d import o3d"),
     ("reconstruction/heap.py", "def f():\n    from sensor_msgs.msg import Image"),
     ("pipeline.py", "import mcap.reader"),
     ("pipeline.py", "from stack_counter.bag import reader"),
@@ -180,7 +190,7 @@ def test_a_violation_is_noticed(path, line):
 
 
 @pytest.mark.parametrize("path, line", [
-    ("fusion/tsdf.py", "import numpy, open3d\nfrom stack_counter.types import View"),
+    ("fusion/tsdf.py", "from stack_counter.lean_open3d import o3d"),
     ("bag/reader.py", "import mcap.reader\nfrom stack_counter.errors import BagError"),
     ("ros/player.py", "import rclpy\nfrom std_srvs.srv import Trigger\nfrom .qos import RELIABLE"),
     ("nodes/counter.py", "import rclpy\nfrom stack_counter.ros import qos"),
@@ -207,6 +217,14 @@ def test_the_recorder_brings_no_ros_and_no_player_into_the_nodes():
     assert {name for name in got if name.startswith("stack_counter.bag.")} == {
         f"stack_counter.bag.{module}"
         for module in ("message_definitions", "recorder", "scan_file")}
+
+
+@pytest.mark.parametrize("node, slow", [
+    ("collector", {"scipy", "open3d", "torch"}),
+    ("reconstructor", {"dash", "torch"}),
+    ("counter", {"scipy", "open3d", "torch"})])
+def test_a_node_loads_nothing_slow_that_it_does_not_need(node, slow):
+    assert loaded(f"stack_counter.nodes.{node}") & slow == set()
 
 
 def loaded(*names):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the build farm asks of the message package, and what users of the packages' types do."""
 
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -41,6 +42,16 @@ def test_every_folder_with_modules_is_installed():
     folders = {path.parent.relative_to(package.parent) for path in package.rglob("*.py")}
     assert {str(folder).replace("/", ".") for folder in folders} <= set(
         find_packages(str(package.parent), include=["stack_counter", "stack_counter.*"]))
+
+
+def test_every_file_of_the_report_page_is_installed():
+    package = Path(stack_counter.__file__).parent
+    text = (ROOT / "setup.py").read_text()
+    patterns = re.findall(r'"(display/page/[^"]+)"', text)
+    installed = {path for pattern in patterns for path in package.glob(pattern)}
+    wanted = {path for path in (package / "display" / "page").rglob("*")
+              if path.is_file() and path.suffix not in (".py", ".pyc")}
+    assert wanted == installed and len(wanted) == 7
 
 
 def test_the_package_says_that_it_is_typed():

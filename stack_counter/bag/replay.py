@@ -34,10 +34,11 @@ from stack_counter.errors import ConfigError, ScanError
 from stack_counter.files import config_path
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.parts.catalogue import Part, resolve_part
-from stack_counter.pipeline import StackCounter, count_stack
+from stack_counter.pipeline import StackCounter
 from stack_counter.region_counters import RegionCounters, RegionVolume
 from stack_counter.segmentation.prompts import read_prompts
 from stack_counter.segmentation.scan_labels import ScanLabels
+from stack_counter.stack_count import count_stack
 from stack_counter.types import PartRequest, Reason, StackCount, StackVolume, View, ViewTally
 
 

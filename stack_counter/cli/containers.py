@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from stack_counter.bag.time_range import TimeRange
 from stack_counter.cli.common import (
@@ -14,15 +15,11 @@ from stack_counter.cli.common import (
     require_bag,
 )
 from stack_counter.config import Config, load_config
-from stack_counter.container.catalogue import (
-    TaughtContainer,
-    catalogue_path,
-    describe_container,
-    load_containers,
-    save_container,
-)
 from stack_counter.files import config_path
 from stack_counter.progress import progress_bar
+
+if TYPE_CHECKING:
+    from stack_counter.container.catalogue import TaughtContainer
 
 _UNITS = ("mm", "m", "in")  # keys of teaching.solid_mesh.UNITS, without its imports
 _UP_AXES = ("z", "y", "x", "-z", "-y", "-x")  # of teaching.container_mesh.UP_AXES
@@ -63,6 +60,14 @@ def _nonempty(text: str) -> str:
 
 
 def _teach(options: argparse.Namespace) -> int:
+    # Not at the top: help is to load none of it.
+    from stack_counter.container.catalogue import (
+        catalogue_path,
+        describe_container,
+        load_containers,
+        save_container,
+    )
+
     config = load_config(options.config or config_path("stack_counter.yaml"))
     path = options.out or catalogue_path(config.reconstructor)
     if path.exists():
@@ -89,6 +94,8 @@ def _teach_by_mesh(path: Path, unit: str, up: str) -> TaughtContainer:
 
 
 def _list_containers(options: argparse.Namespace) -> int:
+    from stack_counter.container.catalogue import describe_container, load_containers
+
     containers = load_containers(options.catalogue)
     for name, taught in sorted(containers.items()):
         print(describe_container(name, taught))

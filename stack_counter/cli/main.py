@@ -53,6 +53,7 @@ _EVALUATIONS = {
     "volume": "of V and the container",
     "labels": "of the labels that segmenters give",
     "images": "of V from pictures and labels, without depth",
+    "surface": "of the surface that stereo gives: its depth and its power spectrum",
     "benchmark": "of V beside the published rule, and cost",
 }
 

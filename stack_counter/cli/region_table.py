@@ -4,14 +4,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from stack_counter.bag.replayed import Replayed
+from stack_counter.display.page.subject import ReportSubject
 from stack_counter.display.report import as_dict, container_text, write_report
 from stack_counter.display.result_schema import SCHEMA_VERSION
-from stack_counter.types import Reason
+from stack_counter.types import Reason, StackCount
 
 
 def regions_as_text(results: Sequence[Replayed]) -> str:
@@ -53,12 +54,14 @@ def _as_dict(result: Replayed) -> dict[str, Any]:
     return as_dict(result.count, result.counts)
 
 
-def write_region_reports(folder: Path, results: Sequence[Replayed]) -> None:
+def write_region_reports(folder: Path, results: Sequence[Replayed],
+                         subject_of: Callable[[StackCount], ReportSubject]) -> None:
     """Writes result.json of all regions, and a report of each in a folder of its name below.
 
     Args:
         folder: made where it does not exist; files of the same names are replaced.
         results: of all regions.
+        subject_of: what the report of a count names beside it.
 
     Raises:
         OSError: a folder cannot be written.
@@ -67,4 +70,5 @@ def write_region_reports(folder: Path, results: Sequence[Replayed]) -> None:
     (folder / "result.json").write_text(json.dumps(regions_as_dict(results), indent=2) + "\n")
     for result in results:
         if result.count is not None:
-            write_report(folder / result.region, result.count, result.counts)
+            write_report(folder / result.region, result.count, result.counts,
+                         subject_of(result.count))

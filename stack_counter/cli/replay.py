@@ -9,6 +9,7 @@ import sys
 import time
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,17 +21,14 @@ from stack_counter.cli.common import (
     require_bag,
 )
 from stack_counter.config import Config, CounterConfig, build_section, load_config
-from stack_counter.container.catalogue import configured_container
-from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError
 from stack_counter.files import config_path
-from stack_counter.occupancy import make_estimator
-from stack_counter.parts.catalogue import Part, configured_part, resolve_part
 from stack_counter.progress import progress_bar
 from stack_counter.types import PartRequest
 
 if TYPE_CHECKING:
     from stack_counter.bag.replayed import Replayed
+    from stack_counter.parts.catalogue import Part
 
 
 def add_replay(commands: argparse._SubParsersAction) -> None:
@@ -49,7 +47,8 @@ def add_replay(commands: argparse._SubParsersAction) -> None:
     replay.add_argument("--json", type=Path, metavar="OUT", help="write the result here")
     replay.add_argument("--json-schema", action=_PrintSchema, nargs=0,
                         help="print the JSON schema of that, and do nothing else")
-    replay.add_argument("--report", type=Path, metavar="DIR", help="write pictures here")
+    replay.add_argument("--report", type=Path, metavar="DIR",
+                        help="write the report page, its model and its pictures here")
     how = replay.add_mutually_exclusive_group()
     how.add_argument("--nodes", dest="nodes", action="store_true", default=True,
                      help="through the three ROS 2 nodes (default)")
@@ -90,14 +89,19 @@ class _PrintSchema(argparse.Action):
 
 def _replay(options: argparse.Namespace) -> int:
     begin = time.perf_counter()
-    # Refuse at once what cannot be counted.
+    # Refuse at once what cannot be counted, with what that takes: help is to load none of it.
     config = _settings(options)
     part = _part(options, config)
     chosen_time_range(options)  # raises what is wrong with it
     require_bag(options.bag)
     if options.nodes:
+        from stack_counter.occupancy import make_estimator
+
         make_estimator(config.counter)  # raises what the counter could not load
-    configured_container(config.reconstructor)  # raises what the reconstructor could not load
+    if config.reconstructor.container:
+        from stack_counter.container.catalogue import configured_container
+
+        configured_container(config.reconstructor)  # raises what the reconstructor could not load
     if config.reconstructor.prompts:
         from stack_counter.bag.replay import check_prompts
 
@@ -106,9 +110,9 @@ def _replay(options: argparse.Namespace) -> int:
     results = _count(options, config, part, begin)
     _print_lines(config, results)
     if config.reconstructor.regions:
-        _show_regions(options, results)
+        _show_regions(options, config, part, results)
     else:
-        _show_result(options, results[0])
+        _show_result(options, config, part, results[0])
     return 0
 
 
@@ -140,6 +144,9 @@ def _settings(options: argparse.Namespace) -> Config:
 
 def _part(options: argparse.Namespace, config: Config) -> Part:
     """The part that the command line, else the settings name."""
+    from stack_counter.counting import check_unit_volume
+    from stack_counter.parts.catalogue import configured_part, resolve_part
+
     request = configured_part(config.counter)
     if options.unit_volume_cm3 is not None:
         request = PartRequest("", check_unit_volume(options.unit_volume_cm3 * 1e-6))
@@ -196,32 +203,39 @@ def _cycle_text(entry: dict[str, Any]) -> str:
     return f"cycle at {entry['stamp_ns'] / 1e9:.3f} s: {said}"
 
 
-def _show_result(options: argparse.Namespace, result: Replayed) -> None:
+def _show_result(options: argparse.Namespace, config: Config, part: Part, result: Replayed
+                 ) -> None:
     """Prints and writes the one result of a scan without named regions."""
+    from stack_counter.cli.report_subject import report_subject
     from stack_counter.display.report import as_dict, as_text, write_report
 
     count = result.count
     assert count is not None  # for the type checker: without one there is a ScanError
-    print(as_text(count, _true_count(options.bag)))
+    true_count = _true_count(options.bag)
+    print(as_text(count, true_count))
     if options.json:
         options.json.write_text(json.dumps(as_dict(count, result.counts), indent=2) + "\n")
     if options.report:
-        write_report(options.report, count, result.counts)
+        write_report(options.report, count, result.counts,
+                     report_subject(options.bag, config, part, count, true_count))
 
 
-def _show_regions(options: argparse.Namespace, results: list[Replayed]) -> None:
+def _show_regions(options: argparse.Namespace, config: Config, part: Part,
+                  results: list[Replayed]) -> None:
     """Prints the table of all regions, and writes their results."""
     from stack_counter.cli.region_table import (
         regions_as_dict,
         regions_as_text,
         write_region_reports,
     )
+    from stack_counter.cli.report_subject import report_subject
 
     print(regions_as_text(results))
     if options.json:
         options.json.write_text(json.dumps(regions_as_dict(results), indent=2) + "\n")
     if options.report:
-        write_region_reports(options.report, results)
+        write_region_reports(options.report, results,
+                             partial(report_subject, options.bag, config, part))
 
 
 def _true_count(bag: Path) -> int | None:

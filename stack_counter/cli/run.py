@@ -12,11 +12,9 @@ import yaml
 
 from stack_counter.cli.common import add_config_argument
 from stack_counter.config import Config, load_config, read_parameters
-from stack_counter.container.catalogue import configured_container
 from stack_counter.errors import ConfigError
 from stack_counter.files import config_path
 from stack_counter.parameter_files import NAMESPACE, OF_EVERY_NODE, write_parameter_file
-from stack_counter.parts.catalogue import configured_part, resolve_part
 
 _NODES = ("collector", "reconstructor", "counter")
 
@@ -91,10 +89,16 @@ def _check_catalogues(config: Config) -> None:
         PartError: the part is unknown.
         ConfigError: the container is unknown, or a catalogue is missing or malformed.
     """
+    # Not at the top: help is to load none of it.
+    from stack_counter.parts.catalogue import configured_part, resolve_part
+
     for settings in (config.counter, config.collector):
         if configured_part(settings).names_a_part:
             resolve_part(configured_part(settings), settings.part_catalogue)
-    configured_container(config.reconstructor)
+    if config.reconstructor.container:
+        from stack_counter.container.catalogue import configured_container
+
+        configured_container(config.reconstructor)
 
 
 def _nodes_with(name: str) -> list[str]:

@@ -12,7 +12,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.container.rim import map_depth_inside
 from stack_counter.container.wall_fit import FacePoints, FittedWall
 from stack_counter.fusion.region import Region
-from stack_counter.types import HeightMap, View, WallShape
+from stack_counter.types import BACKGROUND, HeightMap, View, WallShape
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,9 @@ def _shows_below(views: list[View], shape: WallShape, rim_height: float, region:
         return False
     found = np.zeros(s.sectors, int)
     for view in views:
-        points = geometry.world_points(view, s.stride).reshape(-1, 3)
+        points = geometry.world_points(view, s.stride)
+        if view.labels is not None:  # the container hides what lies below it
+            points = points[view.labels[::s.stride, ::s.stride] == BACKGROUND]
         points = points[region.contains(points)]
         z = points[:, 2] - region.plane_z
         # What lies inside the wall, below half its height, on the side that faces the camera.

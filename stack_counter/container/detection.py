@@ -31,6 +31,7 @@ from stack_counter.container.wall_fit import (
     find_face_points,
     fit_wall,
 )
+from stack_counter.container.wall_network import estimate_thickness
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region, seen_from_one_side
 from stack_counter.fusion.surface import FusedSurface
@@ -245,9 +246,7 @@ def _expected_thickness(rim: Rim, views: list[View], region: Region, config: Rec
         return Thickness(rim.width + lost, model.lost_rim_width_std * lost)
     if np.isfinite(rim.width):
         return Thickness(rim.width, SETTINGS.rim_std)
-    # Parts hide the rim's inner edge: the network, imported here as torch takes seconds.
-    from stack_counter.container.wall_network import estimate_thickness
-
+    # Parts hide the rim's inner edge: the network.
     return estimate_thickness(views, rim.outline, rim.height, region.plane_z) \
         or SETTINGS.unknown_thickness
 

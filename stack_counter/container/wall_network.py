@@ -18,15 +18,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import torch
-from safetensors.torch import save_file
-from torch import nn
 
 from stack_counter import geometry
 from stack_counter.container.inner_surface import outline_area
 from stack_counter.container.wall_fit import Thickness
-from stack_counter.errors import ViewError, WeightsError
+from stack_counter.errors import ViewError
 from stack_counter.files import read_weights, shipped_weights
+from stack_counter.inference import NetworkSession
 from stack_counter.types import View, WallShape
 
 SHIPPED = "wall.safetensors"
@@ -55,91 +53,25 @@ class WallCropSettings:
     max_views: int = 6
 
 
-@dataclass(frozen=True)
-class WallNetSettings:
-    """Sizes of the network; chosen, and fixed by the format of its weights.
-
-    Attributes:
-        width: channels of each layer.
-        dilations: one layer of 3 x 3 convolutions for each.
-        hidden: units of the layer before the output.
-        dropout: share of these that training leaves out.
-        first_log_ratio: added to the first output, so that training starts near the walls of
-            common containers.
-        log_scale_limit: the second output is clipped to plus and minus this, then lowered by 1.
-    """
-
-    width: int = 32
-    dilations: tuple[int, ...] = (1, 2, 4, 8)
-    hidden: int = 64
-    dropout: float = 0.1
-    first_log_ratio: float = -3.5
-    log_scale_limit: float = 3.0
-
-
 CROP_SETTINGS = WallCropSettings()
-NET_SETTINGS = WallNetSettings()
-
-
-class WallNet(nn.Module):
-    """(b, CHANNELS, SIDE, SIDE) -> log of thickness over width, log of the scale of its error."""
-
-    def __init__(self) -> None:
-        """Makes a network with random weights."""
-        super().__init__()
-        s = NET_SETTINGS
-        layers: list[nn.Module] = [nn.Conv2d(CHANNELS, s.width, 4, 2, 1, bias=False),
-                                   nn.BatchNorm2d(s.width), nn.ReLU()]
-        for dilation in s.dilations:
-            layers += [nn.Conv2d(s.width, s.width, 3, 1, dilation, dilation, bias=False),
-                       nn.BatchNorm2d(s.width), nn.ReLU()]
-        self.encoder = nn.Sequential(*layers)
-        self.head = nn.Sequential(nn.Linear(2 * s.width, s.hidden), nn.ReLU(),
-                                  nn.Dropout(s.dropout), nn.Linear(s.hidden, 2))
-
-    def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """(b, CHANNELS, h, w) float32 -> (b,) log of thickness over width, (b,) log of scale."""
-        s = NET_SETTINGS
-        features = self.encoder(x).float()  # (b, c, h / 2, w / 2)
-        pooled = torch.cat([features.mean((2, 3)), features.amax((2, 3))], 1)  # (b, 2 c)
-        out = self.head(pooled).float()  # (b, 2)
-        log_scale = out[:, 1].clamp(-s.log_scale_limit, s.log_scale_limit) - 1
-        return out[:, 0] + s.first_log_ratio, log_scale
-
-    def loss(self, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
-        """Laplace's negative log likelihood of crops `x`; `y`: (b,) logs of the ratios."""
-        mean, log_scale = self(x)
-        return (torch.abs(y - mean) * torch.exp(-log_scale) + log_scale).mean()
-
-
-def save_wall_net(path: Path, net: WallNet, facts: dict[str, str]) -> None:
-    """Writes weights as float16 for `load_wall_net`; `facts` become metadata of the file."""
-    tensors = {name: value.half() for name, value in net.state_dict().items()
-               if not name.endswith("num_batches_tracked")}
-    save_file(tensors, path, metadata={"format": FORMAT, **facts})
 
 
 @cache
-def load_wall_net(path: Path | None = None) -> WallNet:
-    """Reads the network in evaluation mode; None is the file shipped with the package.
+def load_wall_net(path: Path | None = None) -> NetworkSession:
+    """Reads the network; None is the file shipped with the package.
+
+    Of `crops`, (b, CHANNELS, SIDE, SIDE) float32, it gives two (b,): logs of the thickness over
+    the container's width, and of the scale of their error.
 
     Raises:
         WeightsError: the file is missing, not safetensors, of another format or not whole.
     """
     path = path or shipped_weights(SHIPPED)
-    tensors = {name: torch.from_numpy(values).float()
-               for name, values in read_weights(path, FORMAT).tensors.items()}
-    net = WallNet()
-    try:
-        net.load_state_dict(tensors, strict=False)
-    except RuntimeError as error:
-        raise WeightsError(f"{path} does not hold the network it names: "
-                           f"{' '.join(str(error).split())[:200]}") from error
-    return net.eval()
+    return NetworkSession(path, read_weights(path, FORMAT).tensors)
 
 
-def estimate_thickness(views: Sequence[View], shape: WallShape, height: float, plane_z: float,
-                       net: WallNet | None = None) -> Thickness | None:
+def estimate_thickness(views: Sequence[View], shape: WallShape, height: float, plane_z: float
+                       ) -> Thickness | None:
     """Estimates a wall's thickness; None where no view shows the container.
 
     Args:
@@ -147,7 +79,6 @@ def estimate_thickness(views: Sequence[View], shape: WallShape, height: float, p
         shape: outer face of the wall, world frame.
         height: of the rim over the support plane, metres.
         plane_z: world height of the support plane, metres.
-        net: None is the shipped one.
     """
     # Crop the views around the container.
     chosen = np.unique(np.linspace(0, len(views) - 1, CROP_SETTINGS.max_views).round().astype(int))
@@ -160,10 +91,9 @@ def estimate_thickness(views: Sequence[View], shape: WallShape, height: float, p
     if not crops:
         return None
     # Average the network's answers; the standard deviation of Laplace's is sqrt(2) scales.
-    with torch.inference_mode():
-        mean, log_scale = (net or load_wall_net())(torch.from_numpy(np.stack(crops)))
-    thickness = float(torch.exp(mean).mean()) * outer_width(shape)
-    return Thickness(thickness, float(np.sqrt(2) * torch.exp(log_scale).mean()) * thickness)
+    mean, log_scale = load_wall_net()(crops=np.stack(crops))
+    thickness = float(np.exp(mean).mean()) * outer_width(shape)
+    return Thickness(thickness, float(np.sqrt(2) * np.exp(log_scale).mean()) * thickness)
 
 
 def outer_width(shape: WallShape) -> float:

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.display.mesh_colors import display_colors
 from stack_counter.types import CONTAINER, PARTS, UNSEEN, Container, HeightMap, KeyView, Mesh
 
 
@@ -19,25 +18,22 @@ class DrawingSettings:
     """How drawings look; all chosen.
 
     Attributes:
-        width_px: least width of a picture of a map, and side of one of points, pixels.
+        width_px: least width of a picture of a map, pixels.
         tint_share: share of the tint in the colour of a labelled pixel, 0 to 1.
         container_scale: how many times larger than the key view its container is drawn.
         wall_lines: about so many lines are drawn between rim and floor.
-        view_direction: (3,) from the points to the eye that sees them, in sizes of their box.
-        focal_share: focal length of that eye over the side of its picture.
     """
 
     width_px: int = 640
     tint_share: float = 0.4
     container_scale: int = 2
     wall_lines: int = 12
-    view_direction: tuple[float, float, float] = (1.0, -1.4, 1.4)
-    focal_share: float = 1.4
 
 
 SETTINGS = DrawingSettings()
 
-_GREEN, _ORANGE = (60, 200, 60), (0, 140, 255)  # BGR
+# Tints of labels, BGR: of Okabe and Ito, which those who see no red or green tell apart.
+LABEL_TINTS = {PARTS: (178, 114, 0), CONTAINER: (0, 159, 230)}
 _RED, _BLUE, _YELLOW = (0, 0, 255), (255, 80, 0), (0, 200, 255)
 _UNSEEN_GREY = 128
 
@@ -48,27 +44,31 @@ def draw_heights(top: HeightMap) -> np.ndarray:
     Returns:
         (h, w, 3) uint8 BGR: low is dark, high is bright, not seen is grey.
     """
-    heights = top.heights[::-1]
+    picture = height_colors(top.heights[::-1])
+    # Enlarge by a whole number.
+    factor = max(round(SETTINGS.width_px / picture.shape[1]), 1)
+    return cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
+
+
+def height_colors(heights: np.ndarray) -> np.ndarray:
+    """Returns the (h, w, 3) uint8 BGR colours of (h, w) heights, m, as `draw_heights` has them."""
     measured = np.isfinite(heights)
-    # Map heights to colours.
     low, high = np.nanpercentile(heights, [0, 100]) if measured.any() else (0.0, 1.0)
     scaled = np.nan_to_num((heights - low) / max(high - low, 1e-9))
     picture = cv2.applyColorMap((255 * scaled).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
     picture[~measured] = _UNSEEN_GREY
-    # Enlarge by a whole number.
-    factor = max(round(SETTINGS.width_px / picture.shape[1]), 1)
-    return cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
+    return picture
 
 
 def draw_labels(view: KeyView) -> np.ndarray:
     """Draws the labels of a key view that has colour.
 
     Returns:
-        (h, w, 3) uint8 BGR: the picture with parts tinted green and the container orange.
+        (h, w, 3) uint8 BGR: the picture with parts tinted blue and the container orange.
     """
     assert view.color is not None  # checked by the caller
     picture = view.color[..., ::-1].astype(np.float32)
-    for label, tint in ((PARTS, _GREEN), (CONTAINER, _ORANGE)):
+    for label, tint in LABEL_TINTS.items():
         labelled = view.labels == label
         picture[labelled] = (1 - SETTINGS.tint_share) * picture[labelled] \
             + SETTINGS.tint_share * np.array(tint)
@@ -130,29 +130,3 @@ def write_ply(path: Path, mesh: Mesh) -> None:
               f"element face {len(faces)}", "property list uchar int vertex_indices",
               "end_header", ""]
     path.write_bytes("\n".join(header).encode() + vertices.tobytes() + faces.tobytes())
-
-
-def draw_points(mesh: Mesh) -> np.ndarray:
-    """Draws a mesh's vertices obliquely from above, in their own colours or coloured by height.
-
-    Returns:
-        (h, w, 3) uint8 BGR, white where there is none.
-    """
-    points, side = mesh.vertices, SETTINGS.width_px
-    # Look at the middle of all points.
-    middle, size = points.mean(axis=0), float(np.ptp(points, axis=0).max())
-    T_world_eye = geometry.look_at(middle + size * np.array(SETTINGS.view_direction), middle)
-    local = geometry.apply(geometry.inverse(T_world_eye), points.astype(float))
-    # Project them.
-    focal = SETTINGS.focal_share * side
-    pixels = np.round(local[:, :2] / local[:, 2:] * focal + side / 2).astype(int)
-    # Draw squares of two pixels, near ones over far ones.
-    far_first = np.argsort(-local[:, 2])
-    colors = display_colors(mesh)[:, ::-1]
-    picture = np.full((side, side, 3), 255, np.uint8)
-    for dx in range(2):
-        for dy in range(2):
-            x, y = pixels[far_first, 0] + dx, pixels[far_first, 1] + dy
-            inside = (x >= 0) & (x < side) & (y >= 0) & (y < side)
-            picture[y[inside], x[inside]] = colors[far_first][inside]
-    return picture

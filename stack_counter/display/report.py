@@ -11,13 +11,8 @@ from typing import Any
 import cv2
 
 from stack_counter import geometry
-from stack_counter.display.drawings import (
-    draw_container,
-    draw_heights,
-    draw_labels,
-    draw_points,
-    write_ply,
-)
+from stack_counter.display.drawings import draw_container, draw_heights, draw_labels, write_ply
+from stack_counter.display.page.subject import ReportSubject
 from stack_counter.display.result_schema import SCHEMA_VERSION, STAGES
 from stack_counter.types import Container, Reason, StackCount
 
@@ -112,19 +107,24 @@ def container_text(container: Container) -> str:
     return f"{container.kind}, {size} mm inside, wall {1000 * container.wall_thickness_m:.1f} mm"
 
 
-def write_report(folder: Path, count: StackCount, counts: list[dict[str, Any]]) -> None:
-    """Writes result.json, the top surface, the labelled key view and the carved surface.
+def write_report(folder: Path, count: StackCount, counts: list[dict[str, Any]],
+                 subject: ReportSubject = ReportSubject()) -> None:
+    """Writes the page, result.json, the model, and pictures as files.
 
     Args:
         folder: made where it does not exist; files of the same names are replaced.
         count: final count.
         counts: as for `as_dict`.
+        subject: what the count is of.
 
     Raises:
         OSError: the folder cannot be written.
     """
+    from stack_counter.display.page.report_files import write_page  # no node waits for it
+
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "result.json").write_text(json.dumps(as_dict(count, counts), indent=2) + "\n")
+    beside = ["result.json"]
     volume = count.volume
     pictures = {}
     if volume.top is not None:
@@ -133,9 +133,11 @@ def write_report(folder: Path, count: StackCount, counts: list[dict[str, Any]]) 
         pictures["key_view.png"] = draw_labels(volume.key_view)
     if volume.key_view is not None and volume.container.rings is not None:
         pictures["container.png"] = draw_container(volume.key_view, volume.container)
-    if volume.mesh is not None and len(volume.mesh.vertices):
-        pictures["surface.png"] = draw_points(volume.mesh)
-        write_ply(folder / "surface.ply", volume.mesh)
     for name, picture in pictures.items():
         if not cv2.imwrite(str(folder / name), picture):
             raise OSError(f"cannot write {folder / name}")
+        beside.append(name)
+    if volume.mesh is not None and len(volume.mesh.vertices):
+        write_ply(folder / "surface.ply", volume.mesh)
+        beside.append("surface.ply")
+    write_page(folder, count, subject, beside)

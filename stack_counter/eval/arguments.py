@@ -119,6 +119,17 @@ def _add_robustness_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scan here")
 
 
+def _add_surface_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `evaluate surface`."""
+    _add_set_argument(parser)
+    parser.add_argument("--first", type=int, default=0, metavar="N", help="scenes left out first")
+    parser.add_argument("--scenes", type=int, default=3, metavar="N", help="how many of them")
+    parser.add_argument("--views", type=int, default=24, metavar="N", help="of each recording")
+    parser.add_argument("--width", type=int, default=1280, metavar="PX", help="of the pictures")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the recordings")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
+
+
 def _add_template_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `evaluate template`."""
     parser.add_argument("--library", type=Path, default=Path("data/unseen/shapes.npz"),
@@ -153,6 +164,7 @@ ADD_ARGUMENTS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "live": _add_live_arguments,
     "parts": _add_parts_arguments,
     "robustness": _add_robustness_arguments,
+    "surface": _add_surface_arguments,
     "template": _add_template_arguments,
     "volume": _add_volume_arguments,
 }

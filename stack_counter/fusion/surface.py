@@ -7,10 +7,9 @@ Source: Open3D's `RaycastingScene` (Embree).
 from __future__ import annotations
 
 import numpy as np
-import open3d as o3d
-import open3d.core as o3c
 
 from stack_counter import geometry
+from stack_counter.lean_open3d import o3c, o3d
 from stack_counter.types import HeightMap, Intrinsics, Mesh
 
 

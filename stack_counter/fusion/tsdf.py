@@ -10,12 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import open3d as o3d
-import open3d.core as o3c
 
 from stack_counter import geometry
 from stack_counter.errors import ViewError
 from stack_counter.fusion.region import Region
+from stack_counter.lean_open3d import o3c, o3d
 from stack_counter.types import Intrinsics, Mesh, View
 
 

@@ -8,6 +8,8 @@
 
 Open containers and heaps are measured from above. A container is closed, like a bag that
 parts show through, if labels show one and no rim is found; its V is what labels and depth leave.
+If that is a ring around a basin, the container is open, and V is what lies inside the ring; if
+no parts show through its sides, it may be open and full, and V holds its wall: both are unsure.
 
 Source: paper, section 3.3: the volume is carved by pictures' masks and by depth.
 """
@@ -24,6 +26,12 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.fusion.pixel_spacing import pixel_spacing
 from stack_counter.fusion.volume_model import volume_model
+from stack_counter.multiview.basin import (
+    BasinFill,
+    find_basin,
+    measure_basin,
+    sides_show_parts,
+)
 from stack_counter.multiview.closed_container import carve_closed_container
 from stack_counter.multiview.pose_refinement import refine_poses
 from stack_counter.multiview.stereo import SETTINGS as STEREO_SETTINGS
@@ -108,14 +116,21 @@ class StereoScan:
         # Carve by labels and depth above the support plane.
         plane_z = float(heap.container.T_world_container[2, 3])
         found = carve_closed_container(self.views, self.hull, voxel_size, plane_z)
-        inner = HeightMap(found.top.T_world_map, found.top.pitch, np.zeros_like(found.top.heights))
         # Where stereo measured little of the surface, V is that of the hull.
         measured = found.measured_share >= SETTINGS.min_carved_share
-        reasons = () if measured else (Reason.NO_DEPTH,)
+        reasons: tuple[Reason, ...] = () if measured else (Reason.NO_DEPTH,)
+        # What views look into is open after all: only its inside counts.
+        basin, top = find_basin(found.top), found.top
+        stack = BasinFill(top, replace(top, heights=np.zeros_like(top.heights)), found.volume,
+                          found.volume_std)
+        if basin is not None:
+            stack = measure_basin(basin, top, found.volume_std)
+        if basin is not None or not sides_show_parts(self.views, found.surface):
+            reasons += (Reason.CONTAINER_UNSURE,)
         return replace(
-            heap, stack_volume=found.volume, stack_volume_std=found.volume_std, top=found.top,
-            inner=inner, coverage=found.measured_share, fill_level=(0.0, 0.0, 0.0),
-            reasons=reasons, one_side=False,
+            heap, stack_volume=stack.volume, stack_volume_std=stack.volume_std, top=stack.top,
+            inner=stack.inner, coverage=found.measured_share, fill_level=(0.0, 0.0, 0.0),
+            reasons=reasons, one_side=False, volume_parts={},
             container=Container("hull", geometry.pose(np.eye(3), self.hull.middle)),
             mesh=Mesh(found.surface.astype(np.float32), np.zeros((0, 3), np.int32)))
 

@@ -15,7 +15,6 @@ from stack_counter.nodes.count_publishers import CountPublishers
 from stack_counter.nodes.result_logging import ResultLogging
 from stack_counter.occupancy import make_estimator
 from stack_counter.parts.catalogue import configured_part, resolve_part
-from stack_counter.pipeline import count_stack
 from stack_counter.ros.conversions import (
     failed_count,
     from_reasons,
@@ -30,6 +29,7 @@ from stack_counter.ros.lifecycle import ManagedNode, run
 from stack_counter.ros.markers import ORIGIN_PLACE, TextPlace, count_marker, text_place
 from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.qos import LATCHED_ALL, LATCHED_NEWEST
+from stack_counter.stack_count import count_stack
 from stack_counter.views.decoding import stamp_ns
 
 _LEVELS = {StackCount.STATUS_OK: OK, StackCount.STATUS_DEGRADED: WARN,

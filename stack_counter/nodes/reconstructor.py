@@ -70,7 +70,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self._volume = self.advertise(StackVolume, "volume", latched(len(config.regions)))
         self._status = self.advertise(ScanStatus, "scan_status", RELIABLE)
         self._display = Display(self)
-        self._reports = ReportService(self, config.report_folder, len(config.regions))
+        self._reports = ReportService(self, config)
         self._images = self.subscribe(PosedImage, "posed_images", self._on_image, RELIABLE)
         self.subscribe(ScanStatus, "scan_status", self._on_status, RELIABLE)
         self.add_service(Trigger, "reset_reconstruction", self._on_reset)

@@ -9,15 +9,18 @@ from __future__ import annotations
 import re
 import time
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from stack_counter_msgs.msg import StackCount as StackCountMsg
 from std_srvs.srv import Trigger
 
+from stack_counter.config import ReconstructorConfig
+from stack_counter.display.page.subject import ReportSubject
 from stack_counter.display.report import write_report
 from stack_counter.errors import ScanError
-from stack_counter.ros.conversions import from_stack_count
+from stack_counter.ros.conversions import from_stack_count, verdict_name
 from stack_counter.ros.lifecycle import ManagedNode
 from stack_counter.ros.qos import LATCHED_ALL, RELIABLE
 from stack_counter.types import StackCount, StackVolume
@@ -61,29 +64,29 @@ class ReportedScan:
 
     Attributes:
         scan_id: scan that the counts belong to.
-        counts: by region, "" where none is named; with their volumes and meshes.
+        counts: by region, "" where none is named; with their volumes and meshes, and what the
+            report names beside them.
         folder: of the report; None while that is not written.
     """
 
     scan_id: str
-    counts: dict[str, StackCount]
+    counts: dict[str, tuple[StackCount, ReportSubject]]
     folder: Path | None = None
 
 
 class ReportService:
     """Brings each volume together with its count, and writes the last scan's on request."""
 
-    def __init__(self, node: ManagedNode, folder: str, regions: int = 0):
+    def __init__(self, node: ManagedNode, config: ReconstructorConfig):
         """Offers the service of a node that is being set up.
 
         Args:
-            node: publishes the volumes.
-            folder: where reports are written, as the parameter `report_folder`; "" for nowhere.
-            regions: number of named regions; each has a volume and a count of its own.
+            node: publishes the volumes, one for each of the regions that the settings name.
+            config: its settings; they say where reports are written, and are written into them.
         """
-        self._folder = folder
+        self._folder, self._config = config.report_folder, config
         self._waiting: deque[WaitingVolume] = deque(
-            maxlen=SETTINGS.max_waiting * max(1, regions))
+            maxlen=SETTINGS.max_waiting * max(1, len(config.regions)))
         self._last = ReportedScan("", {})
         self._error = "nothing was counted yet; expected a scan and a counter"
         node.subscribe(StackCountMsg, "result", self._on_count, LATCHED_ALL)
@@ -107,9 +110,13 @@ class ReportService:
         # Counts come in the order of their volumes: forget those before it.
         for _ in range(keys.index(key) + 1):
             volume = self._waiting.popleft().volume
-        self._keep_counts(message.scan_id, {message.region: from_stack_count(message, volume)})
+        subject = ReportSubject(message.scan_id, message.part, verdict_name(message),
+                                settings={"reconstructor": self._config})
+        self._keep_counts(message.scan_id, {
+            message.region: (from_stack_count(message, volume), subject)})
 
-    def _keep_counts(self, scan_id: str, counts: dict[str, StackCount | None]) -> None:
+    def _keep_counts(self, scan_id: str,
+                     counts: Mapping[str, tuple[StackCount, ReportSubject] | None]) -> None:
         """Takes counts into those of the scan, in place of another scan's; None for one to go."""
         others = self._last.counts if self._last.scan_id == scan_id else {}
         self._last = ReportedScan(scan_id, {region: count for region, count in
@@ -151,9 +158,9 @@ class ReportService:
         if self._last.folder is None or not self._last.folder.is_dir():
             counts = self._last.counts
             folder = new_folder(Path(self._folder).expanduser().resolve(), self._last.scan_id,
-                                max(count.volume.stamp_ns for count in counts.values()))
-            for region, count in counts.items():
-                write_report(folder / region, count, [])
+                                max(count.volume.stamp_ns for count, _ in counts.values()))
+            for region, (count, subject) in counts.items():
+                write_report(folder / region, count, [], subject)
             self._last.folder = folder
         return self._last.folder
 

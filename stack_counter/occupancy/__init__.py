@@ -10,6 +10,7 @@ from stack_counter.config import CounterConfig
 from stack_counter.errors import ConfigError
 from stack_counter.occupancy.baselines import Baselines, DepthCorrected, DepthExtrapolated, Prior
 from stack_counter.occupancy.estimator import OccupancyEstimator
+from stack_counter.occupancy.network import NetworkEstimator
 
 __all__ = ["OccupancyEstimator", "make_estimator"]
 
@@ -26,13 +27,10 @@ def make_estimator(config: CounterConfig) -> OccupancyEstimator:
     """
     weights, encoder_folder, depth_folder = (Path(text) if text else None for text in (
         config.weights, config.encoder_weights, config.depth_weights))
-    # Import what brings in torch, which takes seconds, only where it is asked for.
     if config.estimator == "network":
-        from stack_counter.occupancy.network import NetworkEstimator
-
         return NetworkEstimator(weights, Prior(Baselines()), encoder_folder, depth_folder)
     if config.estimator == "direct":
-        from stack_counter.occupancy.direct_count import DirectCount
+        from stack_counter.occupancy.direct_count import DirectCount  # brings in torch
 
         return DirectCount(weights, Prior(Baselines()))
     if config.estimator not in _BASELINES:

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Weights files: ensembles of networks with their calibration, and last layers tuned to a part."""
+"""Ensembles of networks in torch, and their files with the calibration."""
 
 from __future__ import annotations
 
 import json
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -16,13 +15,15 @@ from safetensors.torch import save_file
 from torch import nn
 
 from stack_counter.errors import WeightsError
-from stack_counter.files import read_weights
+from stack_counter.inference import GRAPH
+from stack_counter.occupancy.ensemble import EnsembleOutput
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
-from stack_counter.types import KnownLevel
-
-FORMAT = "stack_counter gamma 1"
-TUNING_FORMAT = "stack_counter tuning 1"
-_CALIBRATION = "calibration."
+from stack_counter.occupancy.weights_file import (
+    CALIBRATION,
+    FORMAT,
+    read_network_file,
+    unlike_its_networks,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,19 +41,22 @@ class Checkpoint:
     calibration: dict[str, np.ndarray]
 
 
-@dataclass(frozen=True, eq=False)
-class LastLayerTuning:
-    """Changes of an ensemble's last layers that adapt it to one part.
+class TorchEnsemble:
+    """Runs networks by torch: those that are trained, and those upon the user's encoder."""
 
-    Attributes:
-        weight: (members, h) float64, added to the weights of log gamma.
-        bias: added to the bias of log gamma.
-        network_name: name of the network that they belong to.
-    """
+    def __init__(self, members: Sequence[nn.Module]):
+        """`members`: networks, in evaluation mode."""
+        self._members = members
 
-    weight: np.ndarray
-    bias: float
-    network_name: str
+    def __call__(self, tiles: np.ndarray, known: np.ndarray, resolution: np.ndarray
+                 ) -> EnsembleOutput:
+        """Estimates tiles."""
+        numbers = [torch.from_numpy(values).expand(len(tiles), -1)
+                   for values in (known, resolution)]
+        with torch.inference_mode():
+            outputs = [net(torch.from_numpy(tiles), *numbers) for net in self._members]
+        return EnsembleOutput(*(np.stack([values.numpy() for values in field])
+                                for field in zip(*outputs)))
 
 
 def make_net(encoder: str, folder: Path | None) -> nn.Module:
@@ -72,7 +76,7 @@ def make_net(encoder: str, folder: Path | None) -> nn.Module:
 
 
 def save_members(path: Path, members: Sequence[nn.Module], facts: Mapping[str, str],
-                 calibration: Mapping[str, np.ndarray]) -> None:
+                 calibration: Mapping[str, np.ndarray], graph: np.ndarray | None = None) -> None:
     """Writes an ensemble of equal networks.
 
     Of a network with DINOv2 the decoder alone is written: the encoder is the user's.
@@ -82,6 +86,8 @@ def save_members(path: Path, members: Sequence[nn.Module], facts: Mapping[str, s
         members: networks, kept in half precision.
         facts: texts for the metadata.
         calibration: arrays by name, kept in their own precision.
+        graph: of the networks, (n,) uint8, as `train.onnx_export` gives it; None: only torch can
+            run them.
     """
     first = members[0]
     config = {"encoder": "own", **asdict(first.config)} if isinstance(first, GammaNet) \
@@ -89,8 +95,10 @@ def save_members(path: Path, members: Sequence[nn.Module], facts: Mapping[str, s
     tensors = {f"{i}.{name}": value.half() if value.is_floating_point() else value
                for i, net in enumerate(members) for name, value in net.state_dict().items()
                if _is_stored(net, name)}
-    tensors |= {_CALIBRATION + name: torch.from_numpy(np.asarray(values))
+    tensors |= {CALIBRATION + name: torch.from_numpy(np.asarray(values))
                 for name, values in calibration.items()}
+    if graph is not None:
+        tensors[GRAPH] = torch.from_numpy(graph.copy())
     save_file({name: value.contiguous() for name, value in tensors.items()}, path, metadata={
         "format": FORMAT, "config": json.dumps(config), "members": str(len(members)), **facts})
 
@@ -105,50 +113,14 @@ def load_members(path: Path, encoder_folder: Path | None = None) -> Checkpoint:
     Raises:
         WeightsError: the file is missing, not safetensors, of another format, or not whole.
     """
-    file = read_weights(path, FORMAT)
+    file = read_network_file(path)
     tensors = {name: torch.from_numpy(values) for name, values in file.tensors.items()}
     try:
-        config = json.loads(file.metadata["config"])
-        members = [_load_member(config, encoder_folder, tensors, i)
-                   for i in range(int(file.metadata["members"]))]
+        members = [_load_member(file.config, encoder_folder, tensors, i)
+                   for i in range(file.members)]
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise WeightsError(f"{path} does not hold the networks it names: "
-                           f"{' '.join(str(error).split())[:200]}") from error
-    calibration = {name.removeprefix(_CALIBRATION): values.astype(float)
-                   for name, values in file.tensors.items() if name.startswith(_CALIBRATION)}
-    return Checkpoint(members, file.metadata, calibration)
-
-
-def save_tuning(path: Path, weight: np.ndarray, bias: float, network_name: str) -> None:
-    """Writes a `LastLayerTuning`."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    save_file({"weight": torch.from_numpy(weight), "bias": torch.tensor([bias]).double()}, path,
-              metadata={"format": TUNING_FORMAT, "of": network_name})
-
-
-def read_tuning(path: Path) -> LastLayerTuning:
-    """Reads what `save_tuning` has written.
-
-    Raises:
-        WeightsError: the file is missing, not safetensors, of another format, or not whole.
-    """
-    file = read_weights(path, TUNING_FORMAT)
-    try:
-        return LastLayerTuning(file.tensors["weight"], float(file.tensors["bias"][0]),
-                               file.metadata["of"])
-    except (KeyError, IndexError) as error:
-        raise WeightsError(f"{path} holds {sorted(file.tensors)}; expected weight, bias and the "
-                           "name of their network") from error
-
-
-def knowing_name(network_name: str, level: KnownLevel) -> str:
-    """Names a network as it estimates parts of whose form so much is known."""
-    return f"{network_name}, {level.name.lower()} known" if level else network_name
-
-
-def tuned_name(network_name: str, weight: np.ndarray, bias: float) -> str:
-    """Names a network with tuned last layers: other changes, another name."""
-    return f"{network_name}, tuned {zlib.crc32(np.append(weight, bias).tobytes()):08x}"
+        raise unlike_its_networks(path, error) from error
+    return Checkpoint(members, file.facts, file.calibration)
 
 
 def _is_stored(net: nn.Module, name: str) -> bool:

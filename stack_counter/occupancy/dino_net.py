@@ -68,7 +68,8 @@ class DinoNet(nn.Module):
                 resolution: torch.Tensor | None = None) -> NetOutput:
         gamma = self.gamma(x).float().clamp_min(_SMALLEST_GAMMA)
         return NetOutput(torch.log(gamma), torch.full_like(gamma, _LOG_SCALE),
-                         gamma.new_zeros(len(gamma), SHAPE_OUTPUTS))
+                         gamma.new_zeros(len(gamma), SHAPE_OUTPUTS),
+                         gamma.new_zeros(len(gamma), 0))
 
     def loss(self, x: torch.Tensor, y: torch.Tensor, **_: object) -> torch.Tensor:
         """Squared error of gamma.

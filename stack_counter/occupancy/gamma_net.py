@@ -86,11 +86,13 @@ class NetOutput(NamedTuple):
         log_gamma: (b,) log of the occupancy ratio.
         log_scale: (b,) log of the scale of its Laplace error.
         shape_logs: (b, SHAPE_OUTPUTS) logs of part size, convexity and surface, in part lengths.
+        last_layer_input: (b, h) what the last layer reads; h is 0 where there is none to tune.
     """
 
     log_gamma: torch.Tensor
     log_scale: torch.Tensor
     shape_logs: torch.Tensor
+    last_layer_input: torch.Tensor
 
 
 class ResidualBlock(nn.Module):
@@ -164,10 +166,12 @@ class GammaNet(nn.Module):
             pooled, more = pooled * (1 + scale) + shift, [form]
         if self.config.knows_resolution:
             more += [x.new_zeros(len(x), RESOLUTION_VALUES) if resolution is None else resolution]
-        out = self.head(torch.cat([pooled, statistics, *more], 1)).float()
+        hidden = self.head[:-1](torch.cat([pooled, statistics, *more], 1))  # (b, hidden)
+        out = self.head[-1](hidden).float()
         limit = SETTINGS.log_scale_limit
         return NetOutput(out[:, 0] + SETTINGS.log_gamma_offset,
-                         out[:, 1].clamp(-limit, limit) + SETTINGS.log_scale_offset, out[:, 2:])
+                         out[:, 1].clamp(-limit, limit) + SETTINGS.log_scale_offset, out[:, 2:],
+                         hidden)
 
     def loss(self, x: torch.Tensor, y: torch.Tensor, likelihood: bool = True,
              shape_weight: float = 0.1, known: torch.Tensor | None = None,
@@ -181,7 +185,7 @@ class GammaNet(nn.Module):
             shape_weight: weight of the shape's error.
             known, resolution: as `forward` takes them.
         """
-        log_gamma, log_scale, shape_logs = self(x, known, resolution)
+        log_gamma, log_scale, shape_logs, _ = self(x, known, resolution)
         error = y[:, 0] - log_gamma
         fit = (torch.abs(error) * torch.exp(-log_scale) + log_scale).mean() if likelihood \
             else (error**2).mean()

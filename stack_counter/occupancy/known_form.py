@@ -9,7 +9,6 @@ reciprocal of their product.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from stack_counter.types import KnownForm, KnownLevel, MeshMeasures
 
@@ -28,6 +27,8 @@ def form_of_mesh(vertices: np.ndarray, faces: np.ndarray) -> KnownForm:
         vertices: (n, 3) metres.
         faces: (m, 3) indices, counter-clockwise from outside.
     """
+    from scipy.spatial import ConvexHull  # whoever counts measures no mesh
+
     vertices = np.asarray(vertices, float)
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)

@@ -4,26 +4,18 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
-from torch import nn
 from typing_extensions import override
 
 from stack_counter.errors import WeightsError
 from stack_counter.files import shipped_weights
-from stack_counter.occupancy.checkpoint import (
-    knowing_name,
-    load_members,
-    read_tuning,
-    tuned_name,
-)
+from stack_counter.inference import GRAPH, NetworkSession
+from stack_counter.occupancy.ensemble import Ensemble, OnnxEnsemble
 from stack_counter.occupancy.estimator import OccupancyEstimator
-from stack_counter.occupancy.gamma_net import GammaNet, knows_form
 from stack_counter.occupancy.known_form import known_values
 from stack_counter.occupancy.maps import (
     StackMaps,
@@ -35,6 +27,14 @@ from stack_counter.occupancy.maps import (
 )
 from stack_counter.occupancy.resolution import measured_resolution
 from stack_counter.occupancy.training_domain import TrainingDomain, assess_doubt
+from stack_counter.occupancy.weights_file import (
+    LastLayerTuning,
+    NetworkFile,
+    knowing_name,
+    read_network_file,
+    read_tuning,
+    tuned_name,
+)
 from stack_counter.types import KnownForm, OccupancyEstimate, Reason, StackVolume
 
 if TYPE_CHECKING:
@@ -100,16 +100,18 @@ class NetworkEstimator(OccupancyEstimator):
                 Depth Anything is named beside a network that reads heights in part lengths.
         """
         path = path or shipped_weights(SHIPPED)
-        checkpoint = load_members(path, encoder_folder)
-        calibration = checkpoint.calibration
+        file = read_network_file(path)
+        calibration = file.calibration
         if set(calibration) != _CALIBRATION:
             raise WeightsError(f"{path} has calibration {sorted(calibration)}; expected "
                                f"{sorted(_CALIBRATION)}")
-        self.name = f"network {checkpoint.facts.get('version', 'unnamed')}"
-        self._members = checkpoint.members
+        self.name = f"network {file.facts.get('version', 'unnamed')}"
+        self._ensemble, self._members = _load_ensemble(path, file, encoder_folder), file.members
+        self._tuning: LastLayerTuning | None = None
         # By level of knowledge; files of networks that know v alone have no such rows.
         self._scores, self._scores_one_side, self._centers = (
             np.atleast_2d(calibration[key]) for key in ("scores", "scores_one_side", "centers"))
+        self._knows_form = bool(file.config.get("knows_form", False))
         self._form = KnownForm()
         self._knowing: dict[KnownForm, NetworkEstimator] = {}
         self._domain = TrainingDomain(calibration["middle"], calibration["whiten"],
@@ -117,7 +119,7 @@ class NetworkEstimator(OccupancyEstimator):
         self._without_depth = without_depth
         self._monocular: MonocularDepth | None = None
         if depth_folder is not None:
-            if isinstance(self._members[0], GammaNet):
+            if file.config.get("encoder") == "own":
                 raise WeightsError(f"depth_weights {depth_folder} beside a network that reads "
                                    "heights in part lengths; expected one upon DINOv2")
             from stack_counter.occupancy.depth_anything import MonocularDepth  # needs transformers
@@ -137,8 +139,8 @@ class NetworkEstimator(OccupancyEstimator):
         if not maps.height.any():
             return empty
         # Predict; take out the median error on families left out.
-        prediction = predict_gamma(self._members, maps, known_values(self._form, unit_volume),
-                                   measured_resolution(volume, unit_volume))
+        prediction = predict_gamma(self._ensemble, maps, known_values(self._form, unit_volume),
+                                   measured_resolution(volume, unit_volume), self._tuning)
         center = self._centers[level][int(volume.one_side)]  # around, from one side
         gamma = min(float(np.exp(prediction.log_gamma + center)), SETTINGS.largest_gamma)
         # Widen the spread where the stack is unlike those of training.
@@ -160,13 +162,16 @@ class NetworkEstimator(OccupancyEstimator):
             ScanError: the surface cannot be read at that size of parts.
             WeightsError: the networks are upon DINOv2, which have no such layer.
         """
-        return last_layer_input(self._members, stack_maps(volume, unit_volume),
-                                known_values(self._form, unit_volume),
-                                measured_resolution(volume, unit_volume))
+        tiles, weights = _network_tiles(stack_maps(volume, unit_volume))
+        read = self._ensemble(tiles, known_values(self._form, unit_volume),
+                              measured_resolution(volume, unit_volume)).last_layer_input
+        if not read.shape[2]:  # of (members, tiles, h)
+            raise WeightsError("the network is upon DINOv2; expected one of our own to tune")
+        return np.array([weights @ of_member for of_member in read], float)
 
     @override
     def knowing(self, form: KnownForm) -> NetworkEstimator:
-        if not knows_form(self._members[0]) or form == self._form:
+        if not self._knows_form or form == self._form:
             return self
         if form not in self._knowing:
             knowing = copy.copy(self)
@@ -185,18 +190,12 @@ class NetworkEstimator(OccupancyEstimator):
             WeightsError: the file is not such a one, or is of another network.
         """
         tuning = read_tuning(path)
-        if tuning.network_name != self.name or tuning.weight.shape[0] != len(self._members):
+        if tuning.network_name != self.name or tuning.weight.shape[0] != self._members:
             raise WeightsError(f"{path} is tuned from '{tuning.network_name}'; expected "
                                f"'{self.name}'")
         tuned = copy.copy(self)
         tuned.name = tuned_name(self.name, tuning.weight, tuning.bias)
-        tuned._members = [copy.deepcopy(net) for net in self._members]
-        with torch.no_grad():
-            for net, change in zip(tuned._members, tuning.weight):
-                last = net.head[-1]
-                assert isinstance(last, nn.Linear)  # of GammaNet; others are never tuned
-                last.weight[0] += torch.from_numpy(change).float()
-                last.bias[0] += tuning.bias
+        tuned._tuning = tuning
         return tuned
 
     def _read_maps(self, volume: StackVolume, unit_volume: float) -> StackMaps | None:
@@ -215,74 +214,47 @@ class NetworkEstimator(OccupancyEstimator):
         return None
 
 
-def predict_gamma(members: Sequence[nn.Module], maps: StackMaps, known: np.ndarray | None = None,
-                  resolution: np.ndarray | None = None) -> GammaPrediction:
+def _load_ensemble(path: Path, file: NetworkFile, encoder_folder: Path | None) -> Ensemble:
+    """Returns what runs the networks of a file: ONNX Runtime, or torch where they have no graph.
+
+    Raises:
+        WeightsError: the file lacks what its networks need.
+    """
+    if GRAPH not in file.tensors:
+        from stack_counter.occupancy.checkpoint import TorchEnsemble, load_members  # seconds
+
+        return TorchEnsemble(load_members(path, encoder_folder).members)
+    return OnnxEnsemble(NetworkSession(path, file.tensors))
+
+
+def predict_gamma(ensemble: Ensemble, maps: StackMaps, known: np.ndarray, resolution: np.ndarray,
+                  tuning: LastLayerTuning | None = None) -> GammaPrediction:
     """Predicts gamma: tiles are weighted by what stands in them, members alike.
 
     Args:
-        members: networks of an ensemble.
+        ensemble: networks.
         maps: the stack's surface.
-        known: (KNOWN_VALUES,) of `known_form.known_values`; None: v alone is known.
-        resolution: (RESOLUTION_VALUES,) of `resolution.resolution_values`; None: the usual one.
+        known: (KNOWN_VALUES,) of `known_form.known_values`.
+        resolution: (RESOLUTION_VALUES,) of `resolution.resolution_values`.
+        tuning: changes of their last layers.
     """
-    inputs, weights = _network_tiles(maps)
-    form, fineness = _repeat(known, len(inputs)), _repeat(resolution, len(inputs))
-    with torch.inference_mode():
-        outputs = [net(inputs, form, fineness) for net in members]
+    tiles, weights = _network_tiles(maps)
+    output = ensemble(tiles, known, resolution)
+    member_log_gamma = output.log_gamma  # (members, tiles)
+    if tuning is not None:
+        member_log_gamma = member_log_gamma + tuning.bias + np.einsum(
+            "mth,mh->mt", output.last_layer_input, tuning.weight)
     # Average the members.
-    log_gamma = np.mean([out[0].numpy() for out in outputs], axis=0)  # (tiles,)
-    scale = np.mean([np.exp(out[1].numpy()) for out in outputs], axis=0)
-    shape_logs = np.mean([out[2].numpy() for out in outputs], axis=0)
+    log_gamma = np.mean(member_log_gamma, axis=0)  # (tiles,)
+    scale = np.mean(np.exp(output.log_scale), axis=0)
+    shape_logs = np.mean(output.shape_logs, axis=0)
     # Average the tiles; a Laplace distribution's deviation is sqrt(2) of its scale.
     return GammaPrediction(float(np.log(weights @ np.exp(log_gamma))),
                            float(np.sqrt(2) * weights @ scale), weights @ shape_logs)
 
 
-def last_layer_input(members: Sequence[nn.Module], maps: StackMaps,
-                     known: np.ndarray | None = None, resolution: np.ndarray | None = None
-                     ) -> np.ndarray:
-    """(members, h) float64: what the last layer of each reads, tiles weighted by what stands.
-
-    Args:
-        members: networks of an ensemble.
-        maps: the stack's surface.
-        known: (KNOWN_VALUES,) of `known_form.known_values`; None: v alone is known.
-        resolution: (RESOLUTION_VALUES,) of `resolution.resolution_values`; None: the usual one.
-
-    Raises:
-        WeightsError: the networks are upon DINOv2, which have no such layer.
-    """
-    inputs, weights = _network_tiles(maps)
-    form, fineness = _repeat(known, len(inputs)), _repeat(resolution, len(inputs))
-    rows = []
-    for net in members:
-        if not isinstance(net, GammaNet):
-            raise WeightsError("the network is upon DINOv2; expected one of our own to tune")
-        rows.append(weights @ _record_last_input(net, inputs, form, fineness))
-    return np.array(rows, float)
-
-
-def _network_tiles(maps: StackMaps) -> tuple[torch.Tensor, np.ndarray]:
+def _network_tiles(maps: StackMaps) -> tuple[np.ndarray, np.ndarray]:
     """Inputs (n, CHANNELS, TILE, TILE) of tiles that hold something, and their weights (n,)."""
     tiles = [tile for tile in split_into_tiles(maps) if tile.height.any()]
     weights = np.array([tile.height.sum() for tile in tiles], float)
-    return (torch.from_numpy(np.stack([network_channels(tile) for tile in tiles])),
-            weights / weights.sum())
-
-
-def _repeat(numbers: np.ndarray | None, tiles: int) -> torch.Tensor | None:
-    """(tiles, n) of (n,) numbers that hold for all of them."""
-    return None if numbers is None else torch.from_numpy(numbers).expand(tiles, -1)
-
-
-def _record_last_input(net: GammaNet, inputs: torch.Tensor, form: torch.Tensor | None,
-                       resolution: torch.Tensor | None) -> np.ndarray:
-    """(n, h) that the last layer reads of (n, CHANNELS, TILE, TILE) inputs and what is known."""
-    recorded: list[torch.Tensor] = []
-    hook = net.head[-1].register_forward_hook(lambda _, args, __: recorded.append(args[0]))
-    try:
-        with torch.inference_mode():
-            net(inputs, form, resolution)
-    finally:
-        hook.remove()
-    return recorded[0].numpy()
+    return np.stack([network_channels(tile) for tile in tiles]), weights / weights.sum()

@@ -20,6 +20,7 @@ from stack_counter.parts.informed_gamma import (
     estimator_of_part,
     models_of_other_parts,
 )
+from stack_counter.parts.scan_spread import spread_of
 from stack_counter.types import StackCount, StackVolume
 
 
@@ -148,9 +149,9 @@ def _check_plausible(part: Part, volume: StackVolume, count: int, estimated: int
     if count < 1:
         raise PartError(f"{count} parts counted, {estimated} estimated; expected 1 or more: "
                         "an empty bin says nothing of gamma")
-    if volume.top is None or volume.container.kind in ("none", "hull"):
-        raise PartError(f"the scan's container is '{volume.container.kind}'; expected depth and a "
-                        "container: without them V is not the same from scan to scan")
+    if volume.top is None:
+        raise PartError("the scan gave the hull of its outlines alone; expected depth, or "
+                        "pictures in colour: such a V is not the same from scan to scan")
     ratio = count / max(estimated, 1)
     if not force and not 1 / SETTINGS.max_ratio < ratio < SETTINGS.max_ratio:
         raise PartError(f"{count} parts counted, {estimated} estimated; expected a ratio "
@@ -193,6 +194,5 @@ def _drift_z_score(part: Part, volume: StackVolume, scan: CountedScan) -> float:
         return 0.0
     models = part.models or models_of_other_parts(scan.estimator)
     model = models.one_side if scan.one_side else models.arc
-    return model.counted_z_score(
-        scan.reading(models.estimator), [s.reading(models.estimator) for s in history],
-        part.relative_std)
+    reading, *before = (s.reading(models.estimator, spread_of(volume)) for s in (scan, *history))
+    return model.counted_z_score(reading, before, part.relative_std)

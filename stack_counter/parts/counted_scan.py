@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from stack_counter.parts.gamma_model import Reading
+from stack_counter.parts.scan_spread import ScanSpread
 from stack_counter.types import StackVolume
 
 
@@ -77,10 +78,13 @@ class CountedScan:
                              "width above 0 needed)")
         return self
 
-    def reading(self, estimator: str) -> Reading:
-        """This scan for a part's model; the gamma of another estimator is left out."""
+    def reading(self, estimator: str, spread: ScanSpread) -> Reading:
+        """This scan for a part's model; the gamma of another estimator is left out.
+
+        `spread`: what this kind of scan changes of log gamma.
+        """
         estimated = self.said if estimator == self.estimator else math.nan
-        return Reading(self.height, self.width, estimated, self.log_gamma)
+        return Reading(self.height, self.width, estimated, self.log_gamma, spread)
 
     def rig_difference(self, volume: StackVolume) -> str:
         """Text that says in what a scan differs from this one's rig; empty if in nothing."""
@@ -107,7 +111,7 @@ class CountedScan:
 
 
 def scans_of_same_rig(history: Sequence[CountedScan], volume: StackVolume) -> list[CountedScan]:
-    """Counted scans that tell something of a scan: of the same rig, seen from as many sides."""
+    """Counted scans of the same rig, seen from as many sides."""
     return [scan for scan in history
             if scan.one_side == volume.one_side and not scan.rig_difference(volume)]
 

@@ -9,9 +9,10 @@ nests; how the network misreads it):
     (t, y) = (B + U) x + e,    x = (1, 1 / (h + 1/2), 1 / w),
 
 h and w being fill height and container width in part lengths, U the same for all scans with
-covariance `shared`, e new in each with covariance `noise`. The estimate, t of a scan given its y
-and counted scans (t, y), is then one conditional expectation: the network, the part's simulated
-piles and the counted scans are joined by their variances.
+covariance `shared`, e new in each with covariance `noise`. A scan unlike those that the model was
+fitted to adds its `ScanSpread`, partly shared by all of its kind. The estimate, t of a scan given
+its y and counted scans (t, y), is then one conditional expectation: the network, the part's
+simulated piles and the counted scans are joined by their variances.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from typing import NamedTuple
 import numpy as np
 
 from stack_counter.errors import ScanError
+from stack_counter.parts.scan_spread import NO_SPREAD, ScanSpread
+from stack_counter.parts.scan_spread import SETTINGS as SPREAD_SETTINGS
 from stack_counter.types import StackVolume
 
 FEATURES = 3
@@ -68,12 +71,14 @@ class Reading:
         width: root of the footprint's area, part lengths.
         log_gamma_estimated: log of the estimator's gamma; NaN if there is none to compare.
         log_gamma_counted: log of count * v / V; NaN if the scan is not counted.
+        spread: what its kind of scan changes.
     """
 
     height: float
     width: float
     log_gamma_estimated: float = np.nan
     log_gamma_counted: float = np.nan
+    spread: ScanSpread = NO_SPREAD
 
 
 @dataclass(frozen=True)
@@ -146,7 +151,9 @@ class GammaModel:
         # Take the error of V out of the variance: the count adds it by itself.
         std = np.sqrt(max(by_all[t, t] - self.volume_variance,
                           SETTINGS.min_variance_share * by_all[t, t]))
-        shares = self._shares(estimator_weight, prior[t, t], by_history[t, t], bool(len(history)))
+        own = self.noise[0, 0] + (1 - SPREAD_SETTINGS.shared_share) * scan.spread.std**2
+        shares = self._shares(estimator_weight, prior[t, t] - own, by_history[t, t] - own,
+                              bool(len(history)))
         return GammaPosterior(float(mean[t]), float(std), shares, float(z_score))
 
     def _shares(self, estimator_weight: float, prior: float, by_history: float,
@@ -155,13 +162,11 @@ class GammaModel:
 
         Args:
             estimator_weight: weight of the estimate.
-            prior: variance of t before anything was counted.
-            by_history: variance of t given the counted scans.
+            prior: variance of t before anything was counted, a scan's own apart.
+            by_history: the same given the counted scans.
             has_history: whether there are counted scans.
         """
-        learnt = 1 - (by_history - self.noise[0, 0]) / (prior - self.noise[0, 0]) \
-            if has_history else 0.0
-        learnt = float(np.clip(learnt, 0, 1))
+        learnt = float(np.clip(1 - by_history / prior, 0, 1)) if has_history else 0.0
         shares = {"estimator": estimator_weight,
                   self.source: (1 - estimator_weight) * (1 - learnt)}
         if has_history:
@@ -200,7 +205,15 @@ class GammaModel:
         shared = self.shared.copy()
         shared[0, 0] += unit_std**2
         covariance = design @ shared @ design.T + np.kron(self.noise, np.eye(len(scans)))
-        return design @ self.coefficients.ravel(), covariance
+        # Add what scans change that are unlike those of the fit.
+        spreads = [scan.spread for scan in scans]
+        for spread in set(spreads):
+            alike = np.array([s == spread for s in spreads], float)
+            common = SPREAD_SETTINGS.shared_share
+            covariance += np.kron(spread.covariance, common * np.outer(alike, alike)
+                                  + (1 - common) * np.diag(alike))
+        shifts = np.tile([spread.shift for spread in spreads], 2)
+        return design @ self.coefficients.ravel() + shifts, covariance
 
     @cached_property
     def per_tenth_of_friction(self) -> float:
@@ -220,17 +233,18 @@ def fill_features(height: np.ndarray, width: np.ndarray) -> np.ndarray:
 
 
 def fill_size(volume: StackVolume, unit_volume: float) -> FillSize:
-    """Measures the size of a fill in part lengths.
+    """Measures the size of a fill in part lengths; of a hull alone that of a cube.
 
     Args:
-        volume: of a scan with depth.
+        volume: of a scan.
         unit_volume: v, m3.
 
     Raises:
-        ScanError: the scan has no depth, or shows no footprint.
+        ScanError: the scan shows no footprint.
     """
     if volume.top is None or volume.inner is None:
-        raise ScanError("no top-surface map; expected one: the scan has no depth")
+        side = float(np.cbrt(volume.stack_volume / unit_volume))
+        return FillSize(side, side)
     cells = np.isfinite(volume.top.heights) & np.isfinite(volume.inner.heights)
     area = np.count_nonzero(cells) * volume.top.pitch**2
     if not area:

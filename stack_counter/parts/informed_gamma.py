@@ -3,23 +3,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stack_counter.files import shipped_weights
 from stack_counter.occupancy import OccupancyEstimator
+from stack_counter.occupancy.network import NetworkEstimator
 from stack_counter.parts.catalogue import Part
-from stack_counter.parts.counted_scan import scans_of_same_rig
+from stack_counter.parts.counted_scan import CountedScan, scans_of_same_rig
 from stack_counter.parts.gamma_model import Reading, fill_size
 from stack_counter.parts.part_models import PartModels, read_models
+from stack_counter.parts.scan_spread import NO_SPREAD, ScanSpread, spread_of, spread_of_kind
+from stack_counter.parts.scan_spread import SETTINGS as SPREAD_SETTINGS
 from stack_counter.types import OccupancyEstimate, Reason, StackVolume
-
-if TYPE_CHECKING:
-    from stack_counter.occupancy.network import NetworkEstimator
 
 # By how much is known of the form of a part
 SHIPPED = ("parts.json", "parts_size.json", "parts_mesh.json")
@@ -63,10 +63,6 @@ def estimator_of_part(estimator: OccupancyEstimator, part: Part) -> OccupancyEst
     knowing = estimator.knowing(part.form)
     if part.tuned is None:
         return knowing
-    from stack_counter.occupancy.network import (
-        NetworkEstimator,  # brings in torch, which takes seconds
-    )
-
     if not isinstance(knowing, NetworkEstimator):
         return knowing
     return _tuned_network(knowing, part.tuned,
@@ -82,8 +78,8 @@ def estimate_occupancy(volume: StackVolume, part: Part, estimator: OccupancyEsti
                        ) -> OccupancyEstimate:
     """Estimates gamma by the estimator, joined with what is known of the part.
 
-    It may add the reasons `part_unused`, `calibrated_elsewhere`, `estimator_unheard`,
-    `fill_unlike_piles` and `part_disagrees`.
+    It may add the reasons `part_unused`, `calibrated_elsewhere`, `container_unlike_piles`,
+    `estimator_unheard`, `fill_unlike_piles` and `part_disagrees`.
 
     Raises:
         ScanError: the estimator can say no gamma of this scan.
@@ -92,25 +88,26 @@ def estimate_occupancy(volume: StackVolume, part: Part, estimator: OccupancyEsti
     """
     estimate = estimator_of_part(estimator, part).estimate(volume, part.unit_volume)
     # Choose what is known: models of the part's own piles, else what other parts tell of counted
-    # scans; nothing where V is another from scan to scan.
-    history = scans_of_same_rig(part.counted, volume)
-    reasons = estimate.reasons + ((Reason.PART_UNUSED,) if part.overridden else ())
-    if part.counted and not history:
-        reasons += (Reason.CALIBRATED_ELSEWHERE,)
+    # scans.
+    history = _relevant_scans(part.counted, volume)
     models = part.models or (models_of_other_parts(estimate.estimator) if history else None)
-    if models is not None and (volume.top is None or volume.container.kind in ("none", "hull")):
-        models, reasons = None, (*reasons, Reason.PART_UNUSED)
+    reasons = estimate.reasons + _known_reasons(part, volume, known=models is not None)
     if models is None or not volume.stack_volume > 0:
         spread = np.hypot(estimate.gamma_std / estimate.gamma, part.relative_std)
         return replace(estimate, gamma_std=estimate.gamma * float(spread), reasons=reasons)
-    # Join it with the estimate, if the models know this estimator.
+    # Join it with the estimate, if that was read from a surface and the models know the estimator.
     model = models.one_side if volume.one_side else models.arc
-    log_gamma = np.log(estimate.gamma) if models.estimator == estimate.estimator else np.nan
-    if np.isnan(log_gamma):
+    log_gamma = np.nan
+    if volume.top is not None and models.estimator == estimate.estimator:
+        log_gamma = np.log(estimate.gamma)
+    elif volume.top is not None:
         reasons += (Reason.ESTIMATOR_UNHEARD,)
-    scan = Reading(*fill_size(volume, part.unit_volume), float(log_gamma))
-    posterior = model.posterior(scan, [s.reading(models.estimator) for s in history],
-                                part.relative_std)
+    scan = Reading(*fill_size(volume, part.unit_volume), float(log_gamma),
+                   spread=spread_of(volume))
+    counted = [s.reading(models.estimator, spread) for s, spread in history]
+    if part.models is None and Reason.CALIBRATED_ELSEWHERE in reasons:
+        scan, counted = _of_another_rig(scan, counted)
+    posterior = model.posterior(scan, counted, part.relative_std)
     # Widen the spread where the estimate is far off what is known.
     if not model.covers(scan):
         reasons += (Reason.FILL_UNLIKE_PILES,)
@@ -120,3 +117,39 @@ def estimate_occupancy(volume: StackVolume, part: Part, estimator: OccupancyEsti
     gamma = min(float(np.exp(posterior.mean)), SETTINGS.max_gamma)
     return OccupancyEstimate(gamma, gamma * posterior.std * widening, model.scores,
                              estimate.estimator, reasons, posterior.shares, len(history))
+
+
+def _relevant_scans(history: Sequence[CountedScan], volume: StackVolume
+                    ) -> list[tuple[CountedScan, ScanSpread]]:
+    """Counted scans that tell something of a scan, each with what its kind changes.
+
+    They are those of the same rig. Where there is none, and the scan is not one of an open
+    container with depth, which the spread allows for, they are all that are seen from as many
+    sides.
+    """
+    spread, same_rig = spread_of(volume), scans_of_same_rig(history, volume)
+    if same_rig or spread == NO_SPREAD:
+        return [(scan, spread) for scan in same_rig]
+    return [(scan, spread_of_kind(scan.container)) for scan in history
+            if scan.one_side == volume.one_side]
+
+
+def _of_another_rig(scan: Reading, counted: Sequence[Reading]) -> tuple[Reading, list[Reading]]:
+    """The readings for models of other parts, where no counted scan is of the scan's rig.
+
+    Log gamma goes with the width w by 3.5 / w from part to part, as it does in these models, but
+    by -0.3 / w between containers of one part: so all count as equally wide.
+    """
+    return (replace(scan, spread=scan.spread + SPREAD_SETTINGS.other_rig),
+            [replace(reading, width=scan.width) for reading in counted])
+
+
+def _known_reasons(part: Part, volume: StackVolume, known: bool) -> tuple[Reason, ...]:
+    """What qualifies the use of what is `known` of a part for a scan."""
+    same_rig = scans_of_same_rig(part.counted, volume)
+    holds = {
+        Reason.PART_UNUSED: part.overridden,
+        Reason.CALIBRATED_ELSEWHERE: part.counted and not same_rig,
+        Reason.CONTAINER_UNLIKE_PILES: known and not same_rig and spread_of(volume) != NO_SPREAD,
+    }
+    return tuple(reason for reason, is_so in holds.items() if is_so)

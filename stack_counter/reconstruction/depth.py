@@ -191,6 +191,7 @@ class DepthReconstruction:
             mesh=color_mesh(surface.mesh, views),
             view_agreement_m=scan.agreement_m,
             resolution_m=max(voxel_size, pixel_spacing(views, (region.low + region.high) / 2)),
+            volume_parts=stack.integral.parts,
         )
 
     def key_view(self) -> KeyView | None:

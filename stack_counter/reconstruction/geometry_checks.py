@@ -75,7 +75,7 @@ def _share_below_floor(stack: MeasuredStack) -> float:
         & (_cells_to_border(np.isfinite(fill)) > SETTINGS.wall_cells)
     if not known.any():
         return 0.0
-    return float(np.mean(fill[known] < -SETTINGS.below_floor_m))
+    return float(np.mean((fill < -SETTINGS.below_floor_m)[known] | stack.below[known]))
 
 
 def _steep_share(stack: MeasuredStack, part_length: float) -> float:

@@ -81,7 +81,8 @@ def measure_heap(surface: FusedSurface, container: Container, region: Region, pi
     return MeasuredStack(
         integral=integral, stack_volume_std=volume_std(integral, boundary, region.noise, model),
         boundary=boundary, top=replace(top, heights=heights),
-        inner=HeightMap(T_world_map, pitch, inner), seen=seen, coverage=coverage,
+        inner=HeightMap(T_world_map, pitch, inner), seen=seen,
+        below=np.zeros_like(seen), coverage=coverage,
         fill_level=(0.0, 0.0, 0.0), container=container)
 
 

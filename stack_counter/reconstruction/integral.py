@@ -37,12 +37,21 @@ class FillIntegral:
         filled_in: share of V in cells that no view saw, m3.
         area: area of the cells that hold something, m2.
         fill: (n,) float fill height of every cell after the bias is taken out, m.
+        beside_wall: share of V in cells that were seen beside a wall, whose height is that of
+            what lies next to them, m3.
     """
 
     volume: float
     filled_in: float
     area: float
     fill: np.ndarray
+    beside_wall: float = 0.0
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """What V is made of, m3, as `StackVolume.volume_parts`."""
+        return {"seen": self.volume - self.filled_in - self.beside_wall,
+                "filled": self.filled_in, "wall": self.beside_wall}
 
 
 @dataclass(frozen=True)
@@ -73,6 +82,8 @@ class MeasuredStack:
         top: highest surface over the footprint, unseen cells filled in from those beside them.
         inner: inner surface of the container, or the support plane below a heap.
         seen: (rows, cols) bool, the cells of the two maps that a view saw.
+        below: (rows, cols) bool, those in which it saw what is below the container's wall; they
+            are filled in like unseen ones.
         coverage: share of the footprint that was seen, 0 to 1.
         fill_level: 1st percentile, mean and 99th percentile of the fill, relative to the
             container's depth; zeros for a heap.
@@ -85,6 +96,7 @@ class MeasuredStack:
     top: HeightMap
     inner: HeightMap
     seen: np.ndarray
+    below: np.ndarray
     coverage: float
     fill_level: tuple[float, float, float]
     container: Container
@@ -96,7 +108,7 @@ class MeasuredStack:
 
 
 def integrate_fill(fill: np.ndarray, seen: np.ndarray, cell_area: float, hidden_share: float,
-                   worn_height_m: float) -> FillIntegral:
+                   worn_height_m: float, beside_wall: np.ndarray | None = None) -> FillIntegral:
     """Integrates fill heights and takes out the bias of the fused surface.
 
     Args:
@@ -105,12 +117,16 @@ def integrate_fill(fill: np.ndarray, seen: np.ndarray, cell_area: float, hidden_
         cell_area: area of a cell, m2.
         hidden_share: share of its fill that an unseen cell counts.
         worn_height_m: height that is added to every cell that holds something, m.
+        beside_wall: (n,) bool, the cells whose height is not their own for a wall's sake; None
+            for none.
     """
     fill = np.where(fill < SETTINGS.min_fill_m, 0.0, np.where(seen, fill, hidden_share * fill))
     fill = np.where(fill > 0, fill + worn_height_m, 0.0)
     return FillIntegral(volume=float(fill.sum()) * cell_area,
                         filled_in=float(fill[~seen].sum()) * cell_area,
-                        area=np.count_nonzero(fill) * cell_area, fill=fill)
+                        area=np.count_nonzero(fill) * cell_area, fill=fill,
+                        beside_wall=0.0 if beside_wall is None
+                        else float(fill[beside_wall & seen].sum()) * cell_area)
 
 
 def volume_std(integral: FillIntegral, boundary: StackBoundary, depth_noise_m: float,

@@ -21,6 +21,7 @@ from stack_counter.multiview.scan import StereoScan, depth_scan
 from stack_counter.multiview.visual_hull import carve_visual_hull
 from stack_counter.reconstruction.depth import DepthReconstruction
 from stack_counter.reconstruction.key_view import find_key_view
+from stack_counter.reconstruction.picture_quality import picture_doubts
 from stack_counter.reconstruction.view_memory import ViewMemory
 from stack_counter.segmentation import Segmenter
 from stack_counter.segmentation.labels import GivenLabelSegmenter, require_labels
@@ -101,10 +102,10 @@ class PictureReconstruction:
         if not any(np.any(require_labels(view) == PARTS) for view in self.views):
             return replace(self._measure_hull(), stack_volume=0.0, stack_volume_std=0.0,
                            reasons=(Reason.NOTHING_FOUND,))
-        if not self._config.live and all(view.color is not None for view in self.views):
-            with suppress(ScanError):  # stereo sees too little: the hull stands
-                return self._measure_stereo(taught)
-        return self._measure_hull()
+        volume = self._measure_stereo_or_hull(taught)
+        doubts = picture_doubts(self.views, volume.container.T_world_container[:3, 3],
+                                self._unit_volume)
+        return replace(volume, reasons=volume.reasons + doubts)
 
     def key_view(self) -> KeyView | None:
         """Chooses the view that shows the most parts; with depth where stereo measured it."""
@@ -113,6 +114,13 @@ class PictureReconstruction:
         key_view = find_key_view(self.stereo.views, self.segmenter)
         return key_view and replace(
             key_view, T_world_camera=self.stereo.T_world_upright @ key_view.T_world_camera)
+
+    def _measure_stereo_or_hull(self, taught: TaughtContainer | None) -> StackVolume:
+        """Measures V by stereo where it can; arguments and errors as of `measure_volume`."""
+        if not self._config.live and all(view.color is not None for view in self.views):
+            with suppress(ScanError):  # stereo sees too little: the hull stands
+                return self._measure_stereo(taught)
+        return self._measure_hull()
 
     def _measure_stereo(self, taught: TaughtContainer | None) -> StackVolume:
         """Measures V as from a depth camera, or of a closed container by labels and depth.

@@ -29,9 +29,11 @@ from stack_counter.types import Container
 
 @dataclass(frozen=True)
 class FloorSettings:
-    """Where the wall's shoulder ends, and what shows a container's floor.
+    """Where the wall's shoulder ends, what is seen through it, and what shows a floor.
 
     Attributes:
+        through_m: how far below the inner surface and the floor's thickness a surface lies that
+            stands behind the wall, m; chosen.
         shoulder_cells: cells next to a wall in which the fused surface is the wall's rounded
             shoulder; chosen.
         flatness_m: how level a visible floor is, m; chosen.
@@ -43,6 +45,7 @@ class FloorSettings:
         max_height: height to which a higher floor may lie, relative to the rim's; chosen.
     """
 
+    through_m: float = 0.005
     shoulder_cells: float = 1.5
     flatness_m: float = 0.002
     min_gap_cells: int = 2
@@ -91,7 +94,11 @@ def _measure_in_container(surface: FusedSurface, container: Container, region: R
     opening = np.isfinite(inner.heights)
     top = surface.heights(inner.T_world_map, pitch, inner.heights.shape)
     seen = np.isfinite(top.heights)
-    heights = fill_unknown_cells(top.heights, _without_shoulder(opening))
+    inside = _without_shoulder(opening)
+    # Below a leaning wall shows what stands behind it, where the fused surface has lost the wall.
+    lowest = inner.heights - container.floor_thickness_m - SETTINGS.through_m
+    below = top.heights < lowest
+    heights = fill_unknown_cells(np.where(below, np.nan, top.heights), inside)
     # Replace the assumed floor by the visible one.
     if not floor_known:
         on_floor = opening & (inner.heights <= np.float32(container.floor_thickness_m))
@@ -103,10 +110,10 @@ def _measure_in_container(surface: FusedSurface, container: Container, region: R
             rim_opening = map_rim_opening(container, pitch)
             inner = rim_opening.inner
     # Integrate the fill between the two surfaces.
-    integral = integrate_fill((heights - inner.heights)[opening], seen[opening],
+    integral = integrate_fill((heights - inner.heights)[opening], (seen & ~below)[opening],
                               rim_opening.area / np.count_nonzero(opening),
                               model.hidden_share_one_side if one_side else model.hidden_share,
-                              model.worn_height_m)
+                              model.worn_height_m, ~inside[opening])
     boundary = StackBoundary(
         is_heap=False, rim_length=_rim_length(container), opening_area=rim_opening.area,
         assumed_floor=0.0 if floor_known else container.floor_thickness_m)
@@ -118,8 +125,8 @@ def _measure_in_container(surface: FusedSurface, container: Container, region: R
         integral=integral, stack_volume_std=volume_std(integral, boundary, region.noise, model),
         boundary=boundary,
         top=replace(top, heights=np.where(opening, heights, np.nan).astype(np.float32)),
-        inner=inner, seen=seen, coverage=float(seen[opening].mean()), fill_level=fill_level,
-        container=container)
+        inner=inner, seen=seen, below=below, coverage=float(seen[opening].mean()),
+        fill_level=fill_level, container=container)
 
 
 def _rim_length(container: Container) -> float:

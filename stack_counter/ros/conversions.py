@@ -275,6 +275,12 @@ def failed_count(error: str, request: StackVolumeMsg) -> StackCountMsg:
         view_agreement=request.view_agreement)
 
 
+def verdict_name(message: StackCountMsg) -> str:
+    """Returns the verdict of a count's message, as `counting.verdict` names it."""
+    return next((name for name, number in _VERDICT_NUMBERS.items() if number == message.verdict),
+                "none")
+
+
 def set_verdict(message: StackCountMsg, expected: int, tolerance: int) -> str:
     """Sets the verdict of a count against what is expected; returns one line that explains it.
 

@@ -11,6 +11,7 @@ What is named here is for `train`, `eval` and `teaching`; the rest is the simula
 from stack_counter.sim.camera.bags import remove_parts
 from stack_counter.sim.camera.depth_camera import DepthCamera
 from stack_counter.sim.camera.recording import (
+    CAMERA,
     record,
     record_fixed_camera,
     record_returning_camera,
@@ -41,6 +42,7 @@ from stack_counter.sim.shapes.library import load_shapes, open_library, source_o
 from stack_counter.sim.shapes.simplify import simplify_solid
 
 __all__ = [
+    "CAMERA",
     "FRICTION",
     "HARD_KINDS",
     "PART_PILE_PIECES",

@@ -13,8 +13,8 @@ import numpy as np
 
 from stack_counter.config import Config
 from stack_counter.errors import PartError
-from stack_counter.occupancy.checkpoint import save_tuning, tuned_name
 from stack_counter.occupancy.known_form import form_of_mesh
+from stack_counter.occupancy.weights_file import save_tuning, tuned_name
 from stack_counter.parts.calibration import history_at_volume
 from stack_counter.parts.catalogue import Part, find_part, save_part
 from stack_counter.parts.part_models import PartModels

@@ -12,7 +12,6 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-import open3d as o3d
 import trimesh
 from scipy import ndimage
 
@@ -26,6 +25,7 @@ from stack_counter.container.wall_fit import FacePoints, FittedWall, Thickness, 
 from stack_counter.container.wall_shapes import BoxWall
 from stack_counter.errors import MeshError
 from stack_counter.fusion.surface import FusedSurface
+from stack_counter.lean_open3d import o3d
 from stack_counter.teaching.solid_mesh import ExpectedSolid, load_solid
 from stack_counter.types import HeightMap, InnerMap, Mesh, WallShape
 

@@ -20,7 +20,7 @@ import numpy as np
 from torch import nn
 
 from stack_counter.errors import ConfigError
-from stack_counter.occupancy.checkpoint import save_members
+from stack_counter.occupancy.checkpoint import TorchEnsemble, save_members
 from stack_counter.occupancy.gamma_net import knows_form
 from stack_counter.occupancy.known_form import hide_above
 from stack_counter.occupancy.maps import surface_features
@@ -29,6 +29,7 @@ from stack_counter.occupancy.training_domain import TrainingDomain, assess_doubt
 from stack_counter.train.data.batches import assign_folds, fused_resolution
 from stack_counter.train.data.fused import FusedScan, read_scans
 from stack_counter.train.member import read_member
+from stack_counter.train.onnx_export import export_ensemble
 from stack_counter.types import KnownLevel
 
 
@@ -84,8 +85,8 @@ def count_with_members(members: dict[int, nn.Module], scans: list[FusedScan],
         if net is None or not scan.volume > 0 or not sample.maps.height.any():
             continue
         # Predict as the run time does.
-        prediction = predict_gamma([net], sample.maps, hide_above(sample.known, level),
-                                   fused_resolution(sample))
+        prediction = predict_gamma(TorchEnsemble([net]), sample.maps,
+                                   hide_above(sample.known, level), fused_resolution(sample))
         gamma = float(np.exp(prediction.log_gamma))
         doubt = assess_doubt(
             sample.maps, parts=gamma * scan.volume / sample.part_length_m**3,
@@ -180,7 +181,9 @@ def main() -> int:
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True,
                             text=True, check=False).stdout.strip()
     facts = {"version": options.version, "commit": commit, "errors": json.dumps(errors)}
-    save_members(options.out, list(members.values()), facts, calibration)
+    nets = list(members.values())
+    graph = export_ensemble(nets) if options.encoder_weights is None else None
+    save_members(options.out, nets, facts, calibration, graph)
     print(json.dumps(errors, indent=2))
     _print_by_container(around[0])
     return 0

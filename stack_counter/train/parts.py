@@ -27,10 +27,11 @@ import torch
 from scipy.optimize import minimize
 
 from stack_counter.files import shipped_weights
-from stack_counter.occupancy.checkpoint import knowing_name, load_members
+from stack_counter.occupancy.checkpoint import load_members
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
 from stack_counter.occupancy.network import SHIPPED
 from stack_counter.occupancy.training_domain import TrainingDomain
+from stack_counter.occupancy.weights_file import knowing_name
 from stack_counter.parts.gamma_model import FEATURES, GammaModel, Reading, fill_features
 from stack_counter.parts.part_models import PartModels
 from stack_counter.sim import SCENES_PER_RIG

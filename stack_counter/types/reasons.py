@@ -47,6 +47,16 @@ class Reason(str, Enum):
     DEPTH_FROM_PICTURES = (
         "depth_from_pictures", "Depth was computed from colour pictures, which measures V less "
         "exactly than a depth camera does; record aligned depth for a narrower interval.")
+    LOW_RESOLUTION = (
+        "low_resolution", "A part is less than 12 pixels long in the best picture, so its surface "
+        "hardly shows; move the camera nearer, or record larger pictures.", True)
+    BLURRED_PICTURES = (
+        "blurred_pictures", "Hardly anything in the pictures is sharp, so the surface computed "
+        "from them is too smooth; hold the camera still, focus it, or expose for a shorter time.",
+        True)
+    OVEREXPOSED = (
+        "overexposed", "Much of the parts is white in the pictures, where no surface shows; "
+        "expose for a shorter time, or light the parts from several sides.", True)
     ONE_SIDE = (
         "one_side", "All views look from nearly the same direction, so parts of the surface are "
         "hidden from all of them; move the camera around the stack for a narrower interval.")
@@ -57,8 +67,8 @@ class Reason(str, Enum):
         "nothing_found", "Neither a container nor parts were found, so the count is 0; if there "
         "are some, check the region of interest, the camera poses and the labels.", True)
     CONTAINER_UNSURE = (
-        "container_unsure", "Something like a rim was seen but no container could be fitted, so "
-        "all was counted as a heap; show the whole rim, or configure or teach the container.",
+        "container_unsure", "Something like a rim was seen but no container could be fitted, so V "
+        "may hold walls and a floor; show the whole rim, or configure or teach the container.",
         True)
     CUT_BY_IMAGE = (
         "cut_by_image", "The heap reaches the border of every image, or some of the container's "
@@ -134,8 +144,12 @@ class Reason(str, Enum):
         "fill_unlike_piles", "The fill is lower or the container narrower than in all piles known "
         "of this part; count one such container and add it (stack-counter part calibrate).")
     PART_UNUSED = (
-        "part_unused", "What is known of the part was not used, for want of depth or a container "
-        "or because another part volume was given; record depth, or name the part alone.")
+        "part_unused", "What is known of the part was not used, because another part volume was "
+        "given; name the part alone.")
+    CONTAINER_UNLIKE_PILES = (
+        "container_unlike_piles", "What is known of this part is of open containers seen with "
+        "depth, so for a heap, a closed container or pictures its spread is wider; count one such "
+        "scan and add it (stack-counter part calibrate).")
     CALIBRATED_ELSEWHERE = (
         "calibrated_elsewhere", "None of the part's counted scans is of this rig; count one "
         "container on it and add it (stack-counter part calibrate).")

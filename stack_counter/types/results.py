@@ -37,6 +37,9 @@ class StackVolume:
             place, metres; 0 if unknown, as with one view.
         resolution_m: length that the top surface resolves, metres: the larger of the voxel and
             of what is compared in the images, a pixel of depth or stereo's window; 0 if unknown.
+        volume_parts: what V is made of, m3, together V: `seen`, `filled` in where no view saw,
+            and `wall`, beside a wall, where the height is that of what lies next to it; empty
+            if unknown, as in a volume that came by message.
     """
 
     stamp_ns: int
@@ -57,6 +60,7 @@ class StackVolume:
     region: str = ""
     view_agreement_m: float = 0.0
     resolution_m: float = 0.0
+    volume_parts: dict[str, float] = field(default_factory=dict)
 
     @property
     def overfilled(self) -> bool:
@@ -113,6 +117,8 @@ class StackCount:
         status: `ok`, or `degraded` where one of the reasons degrades.
         reasons: what qualifies the count.
         seconds: time spent by stage, s.
+        distribution: (n,) float64 counts, rising, each as likely as the others: the estimator's
+            scores times the relative standard deviation; None in a count that came by message.
     """
 
     count: int
@@ -128,3 +134,4 @@ class StackCount:
     gamma_shares: dict[str, float] = field(default_factory=lambda: {"estimator": 1.0})
     counted_scans: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
+    distribution: np.ndarray | None = None

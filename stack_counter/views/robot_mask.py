@@ -114,8 +114,7 @@ class RobotMask:
     def _render(self, view: View, T_world_base: np.ndarray, positions: Mapping[str, float]
                 ) -> np.ndarray:
         """(h, w) float32 depth of the robot alone, metres, infinite where it is not."""
-        import open3d as o3d  # slow to load, and only needed here
-        import open3d.core as o3c
+        from stack_counter.lean_open3d import o3c, o3d  # slow to load, and only needed here
 
         self._model.update_cfg(dict(positions))
         T_camera_base = geometry.inverse(view.T_world_camera) @ T_world_base

@@ -69,7 +69,7 @@ def test_help_loads_no_heavy_library():
     """Building the parser, with the arguments of all commands, takes none of them."""
     code = ("import sys\nfrom stack_counter.cli.main import _make_parser\n_make_parser()\n"
             "print(*{'torch', 'open3d', 'matplotlib', 'rclpy', 'sapien', 'rosbags', 'foxglove', "
-            "'transformers', 'trimesh', 'coacd'} & set(sys.modules))")
+            "'transformers', 'trimesh', 'coacd', 'scipy', 'cv2'} & set(sys.modules))")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""
 

@@ -124,7 +124,7 @@ def test_a_part_from_its_mesh(tmp_path, capsys, monkeypatch):
         "/stack_counter/counter": {"ros__parameters": {"part_catalogue": str(
             tmp_path / "parts.yaml")}}}
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(rig))
-    monkeypatch.setattr("stack_counter.cli.parts._LEAST_PILES", 10)
+    monkeypatch.setattr("stack_counter.cli.part_commands._LEAST_PILES", 10)
     monkeypatch.setattr(model_fit, "SETTINGS", replace(model_fit.SETTINGS, min_piles=8))
     code, text, _ = part(capsys, "add", "block", "--mesh", tmp_path / "block.stl", "--config",
                          tmp_path / "rig.yaml", "--piles", "10", "--density", "1.2")

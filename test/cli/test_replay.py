@@ -50,8 +50,8 @@ def test_count_and_every_key_of_the_json(tmp_path, capsys):
     assert result["volume_m3"] == pytest.approx(0.2 * 0.15 * 0.05, rel=0.1)
     assert result["count"] == round(result["gamma"] * result["volume_m3"] / 1.5e-6)
     assert {p.name for p in (tmp_path / "report").iterdir()} == {
-        "result.json", "top_surface.png", "key_view.png", "container.png", "surface.png",
-        "surface.ply"}
+        "report.html", "result.json", "top_surface.png", "key_view.png", "container.png",
+        "surface.png", "surface.glb", "surface.ply"}
 
 
 def test_live_has_an_entry_for_each_view_used(tmp_path, capsys):

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bins that stand on a board, on rails or on the plane, in closed form: where their floor is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from kits.analytic import Scene
@@ -12,7 +14,7 @@ from stack_counter.container.wall_fit import FacePoints, FittedWall
 from stack_counter.container.wall_shapes import BoxWall, RoundWall
 from stack_counter.errors import ScanError
 from stack_counter.pipeline import StackCounter
-from stack_counter.types import HeightMap, View
+from stack_counter.types import BACKGROUND, CONTAINER, HeightMap, View
 
 INNER, WALL, FILL, LIFT = (0.18, 0.12, 0.07), 0.004, 0.03, 0.028
 V = INNER[0] * INNER[1] * FILL
@@ -38,6 +40,19 @@ def raised_views(supports, lift=LIFT, tilts=(20, 45)):
     return views
 
 
+def labelled(views, lift, blur=0.0):
+    """The views with labels of the bin, whose lower half may be seen too deep by `blur` metres."""
+    out = []
+    for view in views:
+        points = geometry.world_points(view)
+        beside = np.abs(points[..., :2]) - np.array(INNER[:2]) / 2 - WALL
+        shown = np.all(beside < 0.002, axis=-1) & (points[..., 2] > lift - 0.003)
+        outer = shown & np.any(beside > -0.002, axis=-1) & (points[..., 2] < lift + 0.03)
+        out.append(replace(view, labels=np.where(shown, CONTAINER, BACKGROUND).astype(np.uint8),
+                           depth=(view.depth + blur * outer).astype(np.float32)))
+    return out
+
+
 def volume(views, **settings):
     stack = StackCounter(ReconstructorConfig(**settings))
     for view in views:
@@ -56,6 +71,14 @@ def test_the_floor_is_where_the_underside_is(supports, lift, settings):
     assert found.container.T_world_container[2, 3] == pytest.approx(lift, abs=0.004)
     assert found.container.inner_size_m[2] == pytest.approx(INNER[2], abs=0.004)
     assert found.stack_volume == pytest.approx(V, rel=0.08)
+
+
+def test_what_labels_call_the_container_is_not_seen_below_it():
+    """Stereo sees a plain wall's foot too deep, as if it were what one sees between rails."""
+    for supports, lift, blur in (([], 0.0, 0.015), (RAILS, LIFT, 0.0)):
+        found = volume(labelled(raised_views(supports, lift), lift, blur))
+        assert found.container.T_world_container[2, 3] == pytest.approx(lift, abs=0.004)
+        assert found.stack_volume == pytest.approx(V, rel=0.08)
 
 
 def test_a_given_depth_and_walls_down_to_the_plane_are_a_thick_floor():

@@ -18,8 +18,8 @@ from visualization_msgs.msg import MarkerArray
 from stack_counter.types import Reason
 
 SPACE = "/stack_counter"
-# Who comes late, with the usual profile of latched topics: prints what it gets, until a second has
-# brought nothing more.
+# Who comes late, with the usual profile of latched topics: prints what it gets, until three
+# seconds have brought nothing more.
 LATE = """
 import sys
 import rclpy
@@ -33,7 +33,7 @@ node.create_subscription(StackCount, f"/stack_counter/{sys.argv[1]}", got.append
 seen = -1
 while not got or seen < len(got):
     seen = len(got)
-    rclpy.spin_once(node, timeout_sec=1.0)
+    rclpy.spin_once(node, timeout_sec=3.0)
 for message in got:
     print(message.scan_id, message.count, message.region)
 """

@@ -9,6 +9,8 @@ import pytest
 from stack_counter_msgs.msg import StackCount
 from std_srvs.srv import Trigger
 
+from stack_counter.config import ReconstructorConfig
+from stack_counter.named_region import NamedRegion
 from stack_counter.nodes.report_service import ReportService, new_folder
 from stack_counter.ros.standard_messages import to_header
 from stack_counter.types import Container, Mesh, StackVolume, ViewTally
@@ -31,7 +33,9 @@ class Node:
 
 def start(folder, regions=0):
     made = Node()
-    made.reports = ReportService(made, str(folder), regions)
+    named = tuple(NamedRegion(str(i), (i, 0, 0), (1, 1, 1)) for i in range(regions))
+    made.reports = ReportService(made, ReconstructorConfig(report_folder=str(folder),
+                                                           regions=named))
     return made
 
 
@@ -67,7 +71,9 @@ def test_a_count_is_written_once_with_the_mesh_of_its_volume(node, tmp_path):
     assert (result["count"], result["count_interval"], result["gamma"]) == (412, [403, 421], 0.4)
     assert result["volume_m3"] == 1e-3 and result["views"]["used"] == 12
     assert {p.name for p in Path(answer.message).iterdir()} == {
-        "result.json", "surface.ply", "surface.png"}
+        "report.html", "result.json", "surface.glb", "surface.ply", "surface.png"}
+    page = (Path(answer.message) / "report.html").read_text()
+    assert "bin 7" in page and ">412<" in page
     assert node.write().message == answer.message
     node.reports.keep_volume("bin 7", True, volume())  # another one of that name and time
     node.count(count("bin 7", number=300))

@@ -21,7 +21,7 @@ SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)
 
 
 def test_shapes_and_finite_values():
-    mean, scale, form = GammaNet(SMALL).eval()(network_inputs(3))
+    mean, scale, form, read = GammaNet(SMALL).eval()(network_inputs(3))
     assert mean.shape == scale.shape == (3,) and form.shape == (3, SHAPE_OUTPUTS)
     assert torch.isfinite(torch.cat([mean, scale, form.ravel()])).all()
 

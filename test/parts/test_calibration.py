@@ -18,7 +18,7 @@ from stack_counter.errors import PartError
 from stack_counter.parts.calibration import calibrate, count_from_weight, history_at_volume
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import scans_of_same_rig
-from stack_counter.pipeline import count_stack
+from stack_counter.stack_count import count_stack
 
 
 @pytest.fixture
@@ -42,6 +42,14 @@ def test_a_counted_bin_is_what_it_says(nut):
     )
     assert counted.drift == 0 and not counted.drifted
     assert counted.scan.checked() == counted.scan
+
+
+@pytest.mark.parametrize("kind", ["none", "hull"])
+def test_a_heap_and_a_bag_are_counted_as_bins_are(nut, kind):
+    first = count_bin(nut, 150, stack_volume_of_box(kind)).scan
+    assert first.container == kind
+    again = stack_volume_of_box(kind, height=0.029)
+    assert not count_bin(replace(nut, counted=(first,)), 142, again).drifted
 
 
 def test_a_bin_that_disagrees_with_the_history_drifts(nut):
@@ -68,8 +76,8 @@ def test_an_implausible_count_is_refused_with_both_numbers(nut, count):
         (stack_volume_of_box("round"), "container 'round'"),
         (stack_volume_of_box(size=(0.2, 0.08, 0.05)), "200 x 80 x 50 mm"),
         (stack_volume_of_box(focal=900.0), "900 px"),
-        (stack_volume_of_box("none"), "'none'"),
-        (replace(stack_volume_of_box(), top=None), "depth"),
+        (stack_volume_of_box("none"), "container 'none'"),
+        (replace(stack_volume_of_box(), top=None), "hull of its outlines"),
     ],
 )
 def test_a_bin_of_another_rig_is_refused(nut, volume, what):

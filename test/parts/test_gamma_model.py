@@ -9,6 +9,7 @@ from kits.known_parts import gamma_model, gamma_model_with_signal
 
 from stack_counter.errors import ScanError
 from stack_counter.parts.gamma_model import Reading, fill_features, fill_size
+from stack_counter.parts.scan_spread import ScanSpread
 from stack_counter.types import Container, HeightMap, StackVolume, ViewTally
 
 SCAN = Reading(3.0, 6.0, np.log(0.5))
@@ -89,5 +90,35 @@ def test_the_size_of_a_stack_is_in_part_lengths():
                          None, ViewTally())
     height, width = fill_size(volume, 1e-6)
     assert height == pytest.approx(2.0) and width == pytest.approx(np.sqrt(area) / 0.01)
-    with pytest.raises(ScanError, match="no depth"):
-        fill_size(dataclasses.replace(volume, top=None), 1e-6)
+    side = np.cbrt(volume.stack_volume / 1e-6)
+    assert fill_size(dataclasses.replace(volume, top=None), 1e-6) == pytest.approx((side, side))
+    blind = dataclasses.replace(maps[0], heights=np.full((20, 30), np.nan))
+    with pytest.raises(ScanError, match="finite"):
+        fill_size(dataclasses.replace(volume, top=blind), 1e-6)
+
+
+def test_a_scan_of_another_kind_is_read_with_its_shift_and_a_wider_spread():
+    made, loose = gamma_model(), dataclasses.replace(SCAN, spread=ScanSpread(0.1, 0.2, 0.3))
+    posterior = made.posterior(loose)
+    plain = made.posterior(SCAN)
+    assert posterior.std == pytest.approx(np.hypot(plain.std, 0.2 * np.sqrt(1 - w_of(made))))
+    assert posterior.mean > plain.mean
+
+
+def w_of(made):
+    """Share of the change of kind that the estimate tells: it sees it among its own noise."""
+    said = made.noise[1, 1] + 0.2**2 + 0.3**2
+    return 0.2**2 / said
+
+
+def test_counted_scans_of_a_kind_teach_what_that_kind_changes():
+    spread = ScanSpread(0.0, 0.2)
+    made = gamma_model(shared=0.0)
+    scan, seen = (dataclasses.replace(SCAN, spread=spread, log_gamma_estimated=np.nan,
+                                      log_gamma_counted=t) for t in (np.nan, np.log(0.7)))
+    posterior = made.posterior(scan, [seen] * 30)
+    own = np.sqrt(0.03**2 + 0.2**2 / 2)  # half of the kind's variance is each scan's own
+    assert posterior.std == pytest.approx(np.sqrt(own**2 + 1 / (2 / 0.2**2 + 30 / own**2)))
+    # Those of the kind of the fit tell nothing of it.
+    plain = [dataclasses.replace(seen, spread=ScanSpread())] * 30
+    assert made.posterior(scan, plain).std == pytest.approx(np.hypot(0.03, 0.2))

@@ -14,10 +14,12 @@ from kits.known_parts import (
 )
 
 from stack_counter.display.report import as_dict, as_text
+from stack_counter.occupancy.baselines import Baselines, Prior
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import scans_of_same_rig
 from stack_counter.parts.informed_gamma import estimate_occupancy
-from stack_counter.pipeline import count_stack
+from stack_counter.stack_count import count_stack
+from stack_counter.types import Reason
 
 
 @pytest.fixture
@@ -68,11 +70,57 @@ def test_fills_that_no_pile_had_are_a_reason(nut):
 
 
 @pytest.mark.parametrize(
-    "volume", [stack_volume_of_box("none"), replace(stack_volume_of_box(), top=None)]
+    "volume",
+    [
+        stack_volume_of_box("none"),
+        stack_volume_of_box("hull"),
+        replace(stack_volume_of_box(), reasons=(Reason.DEPTH_FROM_PICTURES,)),
+        replace(stack_volume_of_box("hull"), top=None, inner=None),
+    ],
 )
-def test_without_depth_or_container_what_is_known_is_not_used(nut, volume):
+def test_piles_hold_with_a_wider_spread_without_container_or_depth(nut, volume):
     estimate = estimate_occupancy(volume, nut, ConstantEstimator())
-    assert estimate.gamma == 0.5 and "part_unused" in estimate.reasons
+    usual = estimate_occupancy(stack_volume_of_box(), nut, ConstantEstimator())
+    assert estimate.shares["piles"] > usual.shares["piles"] and 0.5 < estimate.gamma < 0.8
+    assert estimate.gamma_std / estimate.gamma > usual.gamma_std / usual.gamma
+    assert "container_unlike_piles" in estimate.reasons
+    assert not {"container_unlike_piles", "part_unused"} & set(usual.reasons)
+
+
+def test_a_closed_container_that_was_counted_tells_of_the_next(nut):
+    bag = stack_volume_of_box("hull", size=(0.0, 0.0, 0.0))
+    counted = replace(counted_at(0.4), container="hull", inner_size_m=(0.0, 0.0, 0.0))
+    known = [
+        estimate_occupancy(bag, replace(nut, counted=(counted,) * n), ConstantEstimator())
+        for n in (0, 1, 3)
+    ]
+    assert [e.counted_scans for e in known] == [0, 1, 3]
+    assert known[0].gamma > known[1].gamma > known[2].gamma > 0.4
+    stds = [e.gamma_std / e.gamma for e in known]
+    assert stds == sorted(stds, reverse=True)
+    assert "container_unlike_piles" not in known[1].reasons
+
+
+def test_a_bin_counted_by_depth_tells_of_the_same_part_in_a_bag():
+    part = Part(V, "nut", counted=(counted_at(0.7),))
+    bag = replace(stack_volume_of_box("hull"), reasons=(Reason.DEPTH_FROM_PICTURES,))
+    estimate = estimate_occupancy(bag, part, ConstantEstimator())
+    assert estimate.counted_scans == 1 and estimate.shares["counted"] > 0
+    assert {"calibrated_elsewhere", "container_unlike_piles"} <= set(estimate.reasons)
+
+
+def test_the_width_of_a_counted_bin_of_another_rig_says_nothing():
+    bag = stack_volume_of_box("hull")
+    parts = (Part(V, "nut", counted=(replace(counted_at(0.7), width=w),)) for w in (5.0, 15.0))
+    narrow, wide = (estimate_occupancy(bag, part, ConstantEstimator()) for part in parts)
+    assert narrow.gamma == wide.gamma and narrow.gamma_std == wide.gamma_std
+
+
+def test_the_mean_of_the_training_piles_is_no_other_estimator(nut):
+    hull = replace(stack_volume_of_box("hull"), top=None, inner=None)
+    estimate = estimate_occupancy(hull, nut, Prior(Baselines()))
+    assert estimate.gamma == pytest.approx(0.6, abs=0.01)
+    assert "estimator_unheard" not in estimate.reasons and "no_depth" in estimate.reasons
 
 
 def test_another_v_than_the_catalogues_is_a_reason():

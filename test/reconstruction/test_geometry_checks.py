@@ -19,8 +19,8 @@ def stack_of(heights, kind="box", inner=0.0, filled_in=0.0):
     top, floor = (HeightMap(np.eye(4), PITCH, grid.astype(np.float32))
                   for grid in (heights, np.where(np.isfinite(heights), inner, np.nan)))
     return MeasuredStack(integral, 0.1 * volume, StackBoundary(kind == "none", 0.4, 0.01, 0.0),
-                         top, floor, np.isfinite(heights), 1.0, (0.0, 0.0, 0.0),
-                         Container(kind, np.eye(4)))
+                         top, floor, np.isfinite(heights), np.zeros(heights.shape, bool), 1.0,
+                         (0.0, 0.0, 0.0), Container(kind, np.eye(4)))
 
 
 def pile(height, slope):
@@ -33,6 +33,12 @@ def pile(height, slope):
 
 def test_a_stack_in_a_bin_contradicts_nothing():
     assert check_geometry(stack_of(np.full((50, 50), 0.04)), NOISE, LENGTH**3) == ()
+
+
+def test_what_shows_below_the_wall_and_is_filled_in_is_a_contradiction():
+    stack = stack_of(np.full((50, 50), 0.06))
+    stack.below[10:40, 5:15] = True
+    assert check_geometry(stack, NOISE, LENGTH**3) == (Reason.BELOW_FLOOR,)
 
 
 @pytest.mark.parametrize("depth, is_wrong", [(0.02, True), (0.004, False)])

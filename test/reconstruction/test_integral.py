@@ -53,6 +53,18 @@ def test_an_unseen_cell_counts_its_hidden_share():
     assert integral.filled_in == pytest.approx(0.6 * 0.05 * CELL)
 
 
+def test_the_parts_of_a_volume_add_up_to_it():
+    """Of 100 cells one is unseen and ten lie beside a wall, the unseen one among them."""
+    seen, beside_wall = ALL_SEEN.copy(), ~ALL_SEEN
+    seen[7], beside_wall[:10] = False, True
+    integral = integrate_fill(np.full(100, 0.05), seen, CELL, 0.6, 0.0, beside_wall)
+    cell = 0.05 * CELL
+    assert integral.parts == pytest.approx(
+        {"seen": 90 * cell, "filled": 0.6 * cell, "wall": 9 * cell})
+    assert sum(integral.parts.values()) == pytest.approx(integral.volume)
+    assert level_fill().parts["wall"] == 0
+
+
 def test_a_sine_fill_agrees_with_its_integral():
     """0.05 + 0.02 sin(x) sin(y) over whole periods has the mean 0.05."""
     angle = 2 * np.pi * (np.arange(80) + 0.5) / 80

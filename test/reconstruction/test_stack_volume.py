@@ -51,6 +51,8 @@ def test_bin_is_found_and_filled_to_within_3_percent(wall, x, y, yaw):
     inner, fill = (0.3, 0.2, 0.12), 0.07
     scene = Scene().bin(inner, wall, wall, fill, x, y, yaw)
     result = reconstruct(scene, noise=0.001)
+    assert sum(result.volume_parts.values()) == pytest.approx(result.stack_volume)
+    assert 0 < result.volume_parts["wall"] < 0.1 * result.stack_volume
     box = result.container
     assert box.kind == "box"
     # Which of the two sides is called x is free.
@@ -105,8 +107,8 @@ def level_surface(z, low=(-0.3, -0.3), high=(0.3, 0.3)):
                 np.array([[0, 1, 2], [0, 2, 3]], np.int32))
 
 
-def measure_bin(mesh, floor_known=True, one_side=False):
-    wall = BoxWall(np.array([0, 0, 0, INNER[0] + 2 * WALL, INNER[1] + 2 * WALL, 0]))
+def measure_bin(mesh, floor_known=True, one_side=False, draft=0.0):
+    wall = BoxWall(np.array([0, 0, 0, INNER[0] + 2 * WALL, INNER[1] + 2 * WALL, draft]))
     container = make_container(wall, WALL, FLOOR + INNER[2], FLOOR, PLANE)
     return measure_stack(FusedSurface(mesh), container, REGION, 0.002, floor_known, one_side)
 
@@ -149,6 +151,21 @@ def test_one_unseen_cell_is_filled_in():
     assert not stack.seen[30, 40] and np.count_nonzero(~stack.seen) == 1
     assert stack.stack_volume == pytest.approx(
         pitch**2 * (0.04 * (n - 1 + model.hidden_share) + n * model.worn_height_m), rel=1e-5)
+
+
+def test_what_stands_behind_a_leaning_wall_is_not_the_stack():
+    fill = PLANE + FLOOR + 0.08
+    inside = level_surface(fill, (-0.13, -0.08), (0.13, 0.08))
+    behind = level_surface(PLANE)  # shows through the wall around it
+    mesh = Mesh(np.concatenate([inside.vertices, behind.vertices]),
+                np.concatenate([inside.triangles, behind.triangles + 4]))
+    stack = measure_bin(mesh, draft=0.5)
+    whole = measure_bin(level_surface(fill), draft=0.5)
+    opening = np.isfinite(stack.top.heights)
+    kept = (stack.seen & ~stack.below)[opening].mean()
+    assert kept == pytest.approx(0.26 * 0.16 / 0.06, abs=0.01)
+    assert stack.top.heights[opening].min() == pytest.approx(FLOOR + 0.08, abs=1e-6)
+    assert whole.stack_volume > stack.stack_volume > 0.95 * whole.stack_volume
 
 
 def test_a_floor_that_shows_replaces_the_assumed_one():

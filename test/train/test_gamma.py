@@ -151,8 +151,8 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
     fold = {"nut": 0, "tube": 1}
     seen = []
 
-    def predict(members, maps, known, resolution):
-        seen.append(members[0])
+    def predict(ensemble, maps, known, resolution):
+        seen.extend(ensemble._members)
         return GammaPrediction(0.0, 0.2, np.zeros(3))
     monkeypatch.setattr(calibrate, "predict_gamma", predict)
     nets = {0: GammaNet(SMALL), 1: GammaNet(SMALL)}
@@ -170,6 +170,8 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
 @pytest.mark.parametrize("knows_form", [False, True])
 def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys, knows_form):
     monkeypatch.setattr(checkpoint, "NetConfig", lambda *a: NetConfig(*a) if a else SMALL)
+    exported = []  # test_inference.py exports in truth, which takes seconds
+    monkeypatch.setattr(calibrate, "export_ensemble", exported.extend)
     run, scans = tmp_path / "run", tmp_path / "scans"
     run.mkdir()
     scans.mkdir()
@@ -188,7 +190,7 @@ def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys, 
     assert calibrate.main() == 0
     assert "gamma_mae" in capsys.readouterr().out
     network = NetworkEstimator(out, Prior(Baselines()))
-    assert network.name == "network t1"
+    assert network.name == "network t1" and len(exported) == 5
     assert network._scores.shape == (3 if knows_form else 1, 20)
     assert network._domain.distance(samples[0].maps) < 1.5
 

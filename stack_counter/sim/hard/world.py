@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import open3d as o3d
-import open3d.core as o3c
 import trimesh
 
+from stack_counter.lean_open3d import o3c, o3d
 from stack_counter.sim.camera.depth_camera import DepthCamera, perturb_pose
 from stack_counter.sim.camera.recording import CAMERA, FRAME
 from stack_counter.sim.camera.render import camera_rays

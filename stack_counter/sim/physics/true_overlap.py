@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-import open3d as o3d
 import trimesh
 from scipy.cluster.vq import kmeans2
 from scipy.spatial import cKDTree
 
+from stack_counter.lean_open3d import o3d
 from stack_counter.sim.scenes.scene import rotation_matrices
 from stack_counter.sim.shapes import Shape
 

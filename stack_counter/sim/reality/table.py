@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from stack_counter.errors import StackCounterError
-from stack_counter.sim.reality.experiments import Experiment
+from stack_counter.sim.reality.experiments import Experiment, counted_volume
 from stack_counter.sim.reality.piles import Pile
 
 # What stands between these in a page is written anew.
@@ -56,6 +56,12 @@ class Row:
         """Predicted less measured share."""
         return self.predicted - self.measured
 
+    @property
+    def gamma_difference(self) -> float:
+        """The difference in gamma, where hulls are compared too."""
+        shape = self.experiment.part()
+        return self.difference * shape.unit_volume / counted_volume(self.experiment, shape)
+
     def cells(self) -> tuple[str, ...]:
         """Texts of the row's cells, as in the head of the table."""
         e = self.experiment
@@ -76,9 +82,10 @@ def summarize(rows: Sequence[Row]) -> list[str]:
             continue
         errors = np.array([row.difference for row in chosen])
         worst = chosen[int(np.argmax(abs(errors)))]
-        lines.append(f"{len(chosen)} {word}: mean absolute error {abs(errors).mean():.3f}, bias "
-                     f"{errors.mean():+.3f}, worst {worst.experiment.name} "
-                     f"({worst.experiment.pour}) {worst.difference:+.3f}.")
+        in_gamma = np.mean([abs(row.gamma_difference) for row in chosen])
+        lines.append(f"{len(chosen)} {word}: mean absolute error {abs(errors).mean():.3f} (in "
+                     f"gamma, hollow parts too, {in_gamma:.3f}), bias {errors.mean():+.3f}, worst "
+                     f"{worst.experiment.name} ({worst.experiment.pour}) {worst.difference:+.3f}.")
     cpu_s = [pile.cpu_s for row in rows for pile in row.piles]
     tries = sum(pile.tries for row in rows for pile in row.piles)
     return [*lines, f"{len(cpu_s)} piles from {tries} tries, {np.sum(cpu_s) / 60:.1f} CPU "

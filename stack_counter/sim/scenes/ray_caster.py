@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-import open3d as o3d
-import open3d.core as o3c
 
+from stack_counter.lean_open3d import o3c, o3d
 from stack_counter.types import Mesh
 
 _START_ABOVE_M = 1.0  # height of the rays' origins over the highest vertex

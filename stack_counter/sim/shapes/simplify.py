@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import open3d as o3d
 import trimesh
 
+from stack_counter.lean_open3d import o3d
 from stack_counter.sim.shapes.manifolds import make_manifold, simplify_manifold
 from stack_counter.sim.shapes.shape import ShapeError
 

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from stack_counter.eval.benchmark import BenchmarkRow
+from stack_counter.eval.common.band_power import BandPower
 from stack_counter.eval.common.case import Case, Guess
 from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.part_table import PartCount
 from stack_counter.eval.images import DepthErrors, PictureErrors
 from stack_counter.eval.live import LiveCount
 from stack_counter.eval.robustness import Outcome
+from stack_counter.eval.surface import SurfaceCase
 from stack_counter.eval.volume import VolumeCase
 from stack_counter.types import Reason
 
@@ -50,7 +52,7 @@ def test_numbers_that_there_are_not_are_null(tmp_path):
 @pytest.mark.parametrize("kind, row", [
     ("count", Case), ("volume", VolumeCase), ("live", LiveCount), ("robustness", Outcome),
     ("parts", PartCount), ("images", PictureErrors), ("images", DepthErrors),
-    ("benchmark", BenchmarkRow)])
+    ("benchmark", BenchmarkRow), ("surface", SurfaceCase), ("surface", BandPower)])
 def test_the_page_names_every_key(kind, row):
     cells = [cells[2] for cells in TABLE if f"`{kind}`" in cells[0] and "summary" not in cells[1]]
     assert {field.name for field in fields(row)} <= set(re.findall(r"`(\w+)`", " ".join(cells)))

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated experiments: the table of measurements, a pile with known answer, rows and page."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ from stack_counter.sim.reality.experiments import (
     Experiment,
     Tub,
 )
-from stack_counter.sim.reality.parts import die, ellipsoid
+from stack_counter.sim.reality.parts import die, ellipsoid, ring
 from stack_counter.sim.reality.piles import Pile
 from stack_counter.sim.reality.plot import draw_plot
 from stack_counter.sim.reality.table import (
@@ -89,7 +91,11 @@ def test_a_tiny_pile_is_the_same_again_and_no_denser_than_crystals():
 def test_rows_say_what_is_off():
     assert ROW.predicted == pytest.approx(0.54) and ROW.difference == pytest.approx(0.04)
     assert ROW.scatter == pytest.approx(0.04 / 2**0.5)
-    assert "mean absolute error 0.040, bias +0.040, worst cubes" in summarize([ROW])[0]
+    assert "error 0.040 (in gamma, hollow parts too, 0.040), bias +0.040, worst cubes" \
+        in summarize([ROW])[0]
+    hulls = replace(ROW, experiment=replace(CUBES, part=lambda: ring("ring", 25, 25, 1),
+                                            of_hull=True))
+    assert hulls.gamma_difference < 0.2 * hulls.difference
     assert "| +0.040 (+8%) | predicted | nobody |" in markdown_table([ROW])
 
 

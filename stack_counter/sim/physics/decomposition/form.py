@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import open3d as o3d
 import trimesh
 from manifold3d import Manifold, OpType
+
+from stack_counter.lean_open3d import o3d
 
 # Points on the pieces' surface from which protrusion is measured, and their seed; chosen.
 _POINTS, _SEED = 4000, 0

@@ -10,10 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import open3d as o3d
 import trimesh
 from manifold3d import Manifold, Mesh
 from scipy import ndimage
+
+from stack_counter.lean_open3d import o3d
 
 
 @dataclass(frozen=True)

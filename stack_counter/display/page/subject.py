@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a count is of, as far as the count itself does not say."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True, eq=False)
+class ReportSubject:
+    """What a report names beside its count.
+
+    Attributes:
+        scan: name of the scan or the recording.
+        part: name of the part; empty where only its volume was given.
+        verdict: against what was expected, as `counting.verdict` has it.
+        expected: what was expected, in words; empty if nothing was.
+        true_count: number of parts that are really there; None where nobody knows.
+        settings: settings objects by the name of the node that they are of.
+    """
+
+    scan: str = ""
+    part: str = ""
+    verdict: str = "none"
+    expected: str = ""
+    true_count: int | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def setting_rows(self) -> list[tuple[str, str, str, bool]]:
+        """Returns node, name and value of each setting, and whether it differs from the default.
+
+        NaN, which stands for what is not set, differs from itself; its text does not.
+        """
+        return [(node, item.name, str(getattr(section, item.name)),
+                 repr(getattr(section, item.name)) != repr(item.default))
+                for node, section in self.settings.items()
+                for item in dataclasses.fields(section)]

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The last steps of the method, from V to the count: all that the node `counter` takes of it.
+
+They stand apart from `pipeline` as they need nothing that reconstructs, Open3D least of all.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+from stack_counter.counting import make_count
+from stack_counter.occupancy import OccupancyEstimator
+from stack_counter.parts.catalogue import Part
+from stack_counter.parts.informed_gamma import estimate_occupancy
+from stack_counter.types import StackCount, StackVolume
+
+
+def count_stack(volume: StackVolume, part: Part, estimator: OccupancyEstimator,
+                confidence: float) -> StackCount:
+    """Estimates gamma, joined with what is known of the part, and counts.
+
+    Raises:
+        ScanError: there is nothing to read gamma from.
+        PartError: the part's volume is no positive number.
+    """
+    begin = time.perf_counter()
+    estimate = estimate_occupancy(volume, part, estimator)  # 7. gamma.
+    count = make_count(volume, part.unit_volume, estimate, confidence)  # 8. gamma * V / v.
+    return replace(count, seconds={**volume.seconds, "gamma": time.perf_counter() - begin})
