@@ -3,6 +3,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,13 +17,19 @@ from stack_counter.occupancy.baselines import Baselines, Prior
 from stack_counter.occupancy.checkpoint import TorchEnsemble, load_members, save_members
 from stack_counter.occupancy.ensemble import OnnxEnsemble
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
+from stack_counter.occupancy.known_form import known_values
 from stack_counter.occupancy.maps import CHANNELS, TILE, stack_maps
 from stack_counter.occupancy.network import SHIPPED, NetworkEstimator, predict_gamma
+from stack_counter.occupancy.resolution import resolution_values
 from stack_counter.occupancy.weights_file import read_network_file
-from stack_counter.train.onnx_export import StackedNets, check_graph, export_ensemble
+from stack_counter.train.onnx_export import INPUTS, StackedNets, check_graph, export_ensemble
+from stack_counter.types import KnownForm, MeshMeasures
 
 V = 0.012**3
-SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16, scales=2)
+SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16, scales=2, knows_form=True,
+                  knows_resolution=True)
+SHAPE = KnownForm((0.03, 0.02, 0.01), MeshMeasures(0.5, 1e-3, 1, (0.01, 0.008, 0.004)))
+NUMBERS = known_values(SHAPE, V), resolution_values(0.1, True)
 
 
 @pytest.fixture(scope="module")
@@ -49,22 +56,22 @@ def small(tmp_path_factory):
 @pytest.mark.parametrize("tiles", [1, 5])
 def test_the_shipped_networks_give_the_same_for_any_number_of_tiles(ensembles, tiles):
     inputs = np.random.default_rng(tiles).random((tiles, CHANNELS, TILE, TILE), np.float32)
-    for by_torch, by_onnx in zip(*(run(inputs) for run in ensembles)):
+    for by_torch, by_onnx in zip(*(run(inputs, *NUMBERS) for run in ensembles)):
         assert by_torch.shape == by_onnx.shape and by_onnx.dtype == np.float32
         assert by_onnx == pytest.approx(by_torch, abs=1e-5)
 
 
 def test_the_shipped_networks_predict_the_same_gamma(ensembles):
     maps = stack_maps(stack_volume_of_heights(sine_hills(1.0)), V)
-    by_torch, by_onnx = (predict_gamma(run, maps) for run in ensembles)
+    by_torch, by_onnx = (predict_gamma(run, maps, *NUMBERS) for run in ensembles)
     assert by_onnx.log_gamma == pytest.approx(by_torch.log_gamma, abs=1e-5)
     assert by_onnx.relative_std == pytest.approx(by_torch.relative_std, rel=1e-5)
 
 
 def test_a_file_with_a_graph_keeps_its_weights(small):
     inputs = np.random.default_rng(0).random((2, CHANNELS, TILE, TILE), np.float32)
-    expected = TorchEnsemble(load_members(small).members)(inputs)
-    for ours, theirs in zip(by_onnx_runtime(small)(inputs), expected):
+    expected = TorchEnsemble(load_members(small).members)(inputs, *NUMBERS)
+    for ours, theirs in zip(by_onnx_runtime(small)(inputs, *NUMBERS), expected):
         assert ours == pytest.approx(theirs, abs=1e-5)
 
 
@@ -80,11 +87,10 @@ def test_a_graph_without_its_weights_is_refused(small, tmp_path):
 
 
 def test_a_graph_of_another_architecture_is_noticed(small):
-    whole = NetConfig(SMALL.widths, SMALL.blocks, SMALL.hidden, by_height=False, scales=2)
+    whole = replace(SMALL, by_height=False)
     nets = [GammaNet(whole).eval() for _ in range(2)]
     with pytest.raises(WeightsError, match="differs by .* from torch; expected at most 1e-05"):
-        check_graph(read_network_file(small).tensors[GRAPH], StackedNets(nets),
-                    {"tiles": (CHANNELS, TILE, TILE)})
+        check_graph(read_network_file(small).tensors[GRAPH], StackedNets(nets), INPUTS)
 
 
 def test_the_default_estimator_loads_no_torch():

@@ -49,15 +49,18 @@ class StackedNets(nn.ModuleList):
                      for outputs in zip(*(net(tiles, known, resolution) for net in self)))
 
 
+# Inputs of an ensemble's graph by name, without the batch.
+INPUTS = {"tiles": (CHANNELS, TILE, TILE), "known": (KNOWN_VALUES,),
+          "resolution": (RESOLUTION_VALUES,)}
+
+
 def export_ensemble(members: Sequence[nn.Module]) -> np.ndarray:
     """Exports gamma-networks of our own, in evaluation mode, as `OnnxEnsemble` runs them.
 
     Raises:
         WeightsError: as for `check_graph`.
     """
-    return export_graph(StackedNets(members).eval(), {
-        "tiles": (CHANNELS, TILE, TILE), "known": (KNOWN_VALUES,),
-        "resolution": (RESOLUTION_VALUES,)})
+    return export_graph(StackedNets(members).eval(), INPUTS)
 
 
 def export_graph(net: nn.Module, shapes: Mapping[str, Sequence[int]]) -> np.ndarray:

@@ -15,14 +15,18 @@ from stack_counter.occupancy import make_estimator
 from stack_counter.occupancy.baselines import Baselines, Prior
 from stack_counter.occupancy.checkpoint import save_members
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
+from stack_counter.occupancy.known_form import known_values
 from stack_counter.occupancy.maps import stack_maps, surface_features
 from stack_counter.occupancy.network import NetworkEstimator, predict_gamma
+from stack_counter.occupancy.resolution import resolution_values
 from stack_counter.occupancy.weights_file import save_tuning
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.informed_gamma import estimate_occupancy, estimator_of_part
 from stack_counter.types import Container, KnownForm, MeshMeasures
 
 V = 0.012**3
+# Nothing is known of the part, nor how finely the surface was measured.
+NOTHING = known_values(KnownForm(), V), resolution_values(0.0, False)
 
 
 @pytest.fixture
@@ -71,7 +75,7 @@ def test_tiles_count_by_what_stands_in_them(weights):
     wide = np.full((90, 400), 0.01)
     wide[:, :90] = alone
     maps = [stack_maps(stack_volume_of_heights(h, 0.01), V) for h in (alone, wide)]
-    one, other = (np.exp(predict_gamma(net._ensemble, m).log_gamma) for m in maps)
+    one, other = (np.exp(predict_gamma(net._ensemble, m, *NOTHING).log_gamma) for m in maps)
     assert one == pytest.approx(other, rel=0.3)
 
 
