@@ -26,8 +26,9 @@ from stack_counter.types import (
     ViewTally,
 )
 
-# Fields that no message carries: only the reconstructor draws the wall and the mesh.
-NOT_SENT = {"Container": {"rings", "wall_shape", "inner_map"}, "StackVolume": {"mesh"}}
+# Fields that no message carries: what only drawings and reports of the same process show.
+NOT_SENT = {"Container": {"rings", "wall_shape", "inner_map"},
+            "StackVolume": {"mesh", "volume_parts"}, "StackCount": {"distribution"}}
 STAMP_NS = 1_700_000_000_123_456_789
 REQUEST = PosedImage(scan_id="scan 1", part="nut", unit_volume=1e-6,
                      header=to_header(STAMP_NS, "optical"))
