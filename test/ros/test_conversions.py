@@ -29,8 +29,9 @@ from stack_counter.types import (
     ViewTally,
 )
 
-# Fields that no message carries: only the reconstructor draws the wall and the mesh.
-NOT_SENT = {"Container": {"rings", "wall_shape", "inner_map"}, "StackVolume": {"mesh"}}
+# Fields that no message carries: what only drawings and reports of the same process show.
+NOT_SENT = {"Container": {"rings", "wall_shape", "inner_map"},
+            "StackVolume": {"mesh", "volume_parts"}, "StackCount": {"distribution"}}
 STAMP_NS = 1_700_000_000_123_456_789
 PART = PartRequest("nut", 1e-6, (0.03, 0.02, 0.01))
 REQUEST = PosedImage(scan_id="scan 1", **to_part_fields(PART),

@@ -201,7 +201,8 @@ def _height_errors(scene: Scene, stack: MeasuredStack) -> dict[str, float]:
     # Sum up the fused fill where something is held, apart where no view saw.
     fill = np.where(footprint, stack.top.heights.astype(float) - stack.inner.heights, 0)
     holds = fill >= SETTINGS.min_fill_m
-    seen, hidden = holds & stack.seen, holds & ~stack.seen
+    known = stack.seen & ~stack.below
+    seen, hidden = holds & known, holds & ~known
     cell_area = stack.boundary.opening_area / max(np.count_nonzero(footprint), 1)
     # Compare heights, and those of the crests alone.
     compared = seen & over_opening
