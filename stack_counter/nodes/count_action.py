@@ -16,7 +16,11 @@ from std_srvs.srv import Trigger
 from stack_counter.config import CounterConfig
 from stack_counter.errors import ConfigError, PartError
 from stack_counter.nodes.count_job import CountJob, CountJobRunner, Request
-from stack_counter.parts.catalogue import configured_part, resolve_part
+from stack_counter.parts.catalogue import (
+    check_names_a_part,
+    configured_part,
+    resolve_part,
+)
 from stack_counter.ros.lifecycle import ManagedNode
 from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.qos import RELIABLE
@@ -123,6 +127,7 @@ class CountAction:
             return (f"{request.min_views} to {request.max_views} views; expected a maximum of 0 "
                     "(none) or at least the minimum")
         try:
+            check_names_a_part(from_part_fields(request))
             resolve_part(self._part_of(request), self.config.part_catalogue)
         except (PartError, ConfigError) as error:
             return str(error)

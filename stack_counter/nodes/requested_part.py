@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from stack_counter.errors import ConfigError, PartError
-from stack_counter.parts.catalogue import resolve_part
+from stack_counter.parts.catalogue import check_names_a_part, resolve_part
 from stack_counter.types import PartRequest
 
 
@@ -52,5 +52,6 @@ class RequestedPart:
 
     def _look_up(self, part: PartRequest) -> PartRequest:
         if not part.names_a_part:
+            check_names_a_part(part)
             return part
         return replace(part, unit_volume=resolve_part(part, self._catalogue).unit_volume)

@@ -66,7 +66,7 @@ def make_net(encoder: str, folder: Path | None) -> nn.Module:
         WeightsError: the folder cannot be loaded, or is missing for `dinov2`.
     """
     if encoder == "own":
-        return GammaNet(NetConfig(knows_form=True, knows_resolution=True))
+        return GammaNet(NetConfig(knows_form=True))
     if folder is None:
         raise WeightsError("the encoder is DINOv2 and no folder with its weights is named; "
                            "expected one")

@@ -8,6 +8,7 @@ reciprocal of their product.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from stack_counter.types import KnownForm, KnownLevel, MeshMeasures
@@ -20,8 +21,8 @@ KNOWN_VALUES = _SIZE_VALUES + _MESH_VALUES + 2  # and whether size and mesh are 
 def form_of_mesh(vertices: np.ndarray, faces: np.ndarray) -> KnownForm:
     """Measures a closed mesh.
 
-    The box is the smaller of the one along the mesh's own axes and the one along its principal
-    axes.
+    The box is the smallest that stands on a plane across one of the mesh's own axes or of its
+    principal axes.
 
     Args:
         vertices: (n, 3) metres.
@@ -41,15 +42,28 @@ def form_of_mesh(vertices: np.ndarray, faces: np.ndarray) -> KnownForm:
     for corner in (a, b, c):
         second += np.einsum("t,ti,tj->ij", volumes, corner, corner) / 20
     variances, axes = np.linalg.eigh(second / volume - np.outer(center, center))
-    # Choose the smaller box.
-    boxes = [np.ptp(vertices, axis=0), np.ptp(vertices @ axes, axis=0)]
-    x, y, z = sorted(min(boxes, key=np.prod).tolist(), reverse=True)
+    # Choose the smallest box.
+    boxes = [_box_across(vertices, frame) for frame in _turned_frames(np.eye(3), axes)]
+    x, y, z = sorted(min(boxes, key=np.prod), reverse=True)
     edges = 3 * len(faces) // 2
     genus = round(1 - (len(vertices) - edges + len(faces)) / 2)
     gx, gy, gz = np.sqrt(np.maximum(variances[::-1], 0)).tolist()
     solidity = min(1.0, volume / float(ConvexHull(vertices).volume))
     return KnownForm((x, y, z), MeshMeasures(
         solidity, float(np.linalg.norm(normals, axis=1).sum() / 2), max(genus, 0), (gx, gy, gz)))
+
+
+def _turned_frames(*frames: np.ndarray) -> list[np.ndarray]:
+    """(3, 3) frames whose last column is each of the columns of some frames in turn."""
+    return [np.roll(frame, turn, axis=1) for frame in frames for turn in range(3)]
+
+
+def _box_across(vertices: np.ndarray, frame: np.ndarray) -> list[float]:
+    """Sides of the smallest box around points (n, 3) one of whose sides is a frame's last axis."""
+    local = vertices @ frame
+    scale = np.ptp(local, axis=0).max()
+    _, sides, _ = cv2.minAreaRect((local[:, :2] / scale).astype(np.float32))
+    return [float(np.ptp(local[:, 2])), *(float(side * scale) for side in sides)]
 
 
 def known_values(form: KnownForm, unit_volume: float) -> np.ndarray:

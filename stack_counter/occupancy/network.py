@@ -105,7 +105,8 @@ class NetworkEstimator(OccupancyEstimator):
         if set(calibration) != _CALIBRATION:
             raise WeightsError(f"{path} has calibration {sorted(calibration)}; expected "
                                f"{sorted(_CALIBRATION)}")
-        self.name = f"network {file.facts.get('version', 'unnamed')}"
+        self._name = f"network {file.facts.get('version', 'unnamed')}"
+        self.name = self._name
         self._ensemble, self._members = _load_ensemble(path, file, encoder_folder), file.members
         self._tuning: LastLayerTuning | None = None
         # By level of knowledge; files of networks that know v alone have no such rows.
@@ -176,7 +177,7 @@ class NetworkEstimator(OccupancyEstimator):
         if form not in self._knowing:
             knowing = copy.copy(self)
             knowing._form, knowing._knowing = form, {}
-            knowing.name = knowing_name(self.name, form.level)
+            knowing.name = knowing_name(self._name, form.level)
             self._knowing = {form: knowing}  # the last one: scans are mostly of the same part
         return self._knowing[form]
 

@@ -15,6 +15,7 @@ from stack_counter.errors import ConfigError, PartError
 from stack_counter.files import config_path, edit_yaml_entry, parse_yaml, write_atomically
 from stack_counter.parts.counted_scan import CountedScan
 from stack_counter.parts.entry_checks import (
+    check_outer_size,
     checked_friction,
     checked_measures,
     checked_number,
@@ -44,6 +45,7 @@ parts:
 """
 _KEYS = ("unit_volume_cm3", "unit_volume_std_cm3", "size_mm", "mesh", "mesh_measures",
          "density_g_cm3", "friction", "gamma_prior", "tuned", "note", "counted")
+_SAME_SIZE = 0.1  # by how much a side that is measured by hand may differ; chosen
 _FILE_KEYS = ("mesh", "gamma_prior", "tuned")
 
 
@@ -142,6 +144,17 @@ def configured_part(config: CollectorConfig | CounterConfig) -> PartRequest:
     return PartRequest(config.part, config.unit_volume_m3, config.part_size_m)
 
 
+def check_names_a_part(request: PartRequest) -> None:
+    """Refuses outer dimensions of nobody knows which part.
+
+    Raises:
+        PartError: there are some, and neither name nor v.
+    """
+    if any(request.outer_size_m) and not request.names_a_part:
+        raise PartError(f"part_size is {list(request.outer_size_m)} m without part or unit_volume;"
+                        " expected one of them beside it")
+
+
 def resolve_part(request: PartRequest, catalogue: str = "") -> Part:
     """Looks up the part that is asked for, or makes one of which no more is known than is said.
 
@@ -176,10 +189,13 @@ def _with_size(part: Part, outer_size_m: tuple[float, ...]) -> Part:
     if not any(outer_size_m):
         return part
     try:
-        size = checked_size([1e3 * side for side in outer_size_m], part.unit_volume * 1e6)
+        size = check_outer_size(outer_size_m, part.unit_volume)
     except ValueError as error:
         raise PartError(str(error)) from error
-    return replace(part, outer_size_m=size)
+    # A mesh of another size is that of another part.
+    own = sorted(part.outer_size_m or size)
+    alike = all(math.isclose(a, b, rel_tol=_SAME_SIZE) for a, b in zip(sorted(size), own))
+    return replace(part, outer_size_m=size, mesh_measures=part.mesh_measures if alike else None)
 
 
 def save_part(part: Part, path: Path) -> None:
@@ -273,6 +289,8 @@ def _checked_part(name: str, entry: Any, folder: Path) -> Part:
         raise ValueError(f"key '{unknown[0]}' (one of {', '.join(_KEYS)} needed)")
     if "unit_volume_cm3" not in entry:
         raise ValueError("no unit_volume_cm3")
+    if entry.get("mesh_measures") is not None and entry.get("size_mm") is None:
+        raise ValueError("mesh_measures without size_mm (both needed)")
     volume, std, density = (checked_number(entry.get(key, 0.0), key) for key in (
         "unit_volume_cm3", "unit_volume_std_cm3", "density_g_cm3"))
     mesh, prior, tuned = (folder / str(entry[key]) if entry.get(key) else None

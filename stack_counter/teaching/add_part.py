@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -114,8 +115,12 @@ def add_part(request: NewPart, mesh: PartMesh, config: Config, catalogue: Path,
     old = find_part(request.name, catalogue)
     density = request.density if request.density is not None else old.density if old else 0.0
     form = form_of_mesh(mesh.vertices, mesh.faces)
+    # Without piles those of before stay, if they are of the same part.
+    same = old is not None and math.isclose(old.unit_volume, mesh.unit_volume, rel_tol=1e-3)
+    before = old if same else None
     part = Part(mesh.unit_volume, request.name, 0.0, stored, density, (low, high),
-                prior if learnt else None, learnt.tuned if learnt else None,
+                prior if learnt else before.gamma_prior if before else None,
+                learnt.tuned if learnt else before.tuned if before else None,
                 f"{date.today()} from {request.mesh_path.name}, unit {request.unit}",
                 history_at_volume(old, mesh.unit_volume, request.force),
                 outer_size_m=form.outer_size_m, mesh_measures=form.mesh)

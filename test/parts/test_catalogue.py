@@ -7,7 +7,14 @@ import pytest
 from kits.known_parts import COUNTED, gamma_model
 
 from stack_counter.errors import ConfigError, PartError
-from stack_counter.parts.catalogue import Part, load_parts, remove_part, resolve_part, save_part
+from stack_counter.parts.catalogue import (
+    Part,
+    check_names_a_part,
+    load_parts,
+    remove_part,
+    resolve_part,
+    save_part,
+)
 from stack_counter.parts.part_models import PartModels
 from stack_counter.types import KnownLevel, MeshMeasures, PartRequest
 
@@ -94,9 +101,13 @@ def test_what_could_not_be_read_again_is_not_written(tmp_path):
     ("parts: {a: {unit_volume_cm3: 1, size_mm: 5}}", "'a': size_mm 5"),
     ("parts: {a: {unit_volume_cm3: 1, size_mm: [10, 10, 0]}}", "'a': size_mm [10, 10, 0]"),
     ("parts: {a: {unit_volume_cm3: 1, size_mm: [10, 10, 9]}}", "a box of 0.9 cm3"),
-    ("parts: {a: {unit_volume_cm3: 1, mesh_measures: {holes: 1}}}", "'a': mesh_measures"),
-    ("parts: {a: {unit_volume_cm3: 1, mesh_measures: {solidity: 2, surface_cm2: 1, holes: 1, "
-     "gyration_mm: [1, 1, 1]}}}", "solidity above 0 to 1"),
+    ("parts: {a: {unit_volume_cm3: 1, size_mm: [1000, 100, 9]}}", "a box of 900 cm3"),
+    ("parts: {a: {unit_volume_cm3: 1, mesh_measures: {solidity: 0.5, surface_cm2: 1, holes: 1, "
+     "gyration_mm: [1, 1, 1]}}}", "without size_mm"),
+    ("parts: {a: {unit_volume_cm3: 1, size_mm: [10, 10, 10], mesh_measures: {holes: 1}}}",
+     "'a': mesh_measures"),
+    ("parts: {a: {unit_volume_cm3: 1, size_mm: [10, 10, 10], mesh_measures: "
+     "{solidity: 2, surface_cm2: 1, holes: 1, gyration_mm: [1, 1, 1]}}}", "solidity above 0 to 1"),
     ("parts: {a: {unit_volume_cm3: 1, counted: 5}}", "'a': counted 5"),
     ("parts: {1: {unit_volume_cm3: 1}, '1': {unit_volume_cm3: 2}}", "two entries '1'"),
     ("parts: {a: {unit_volume_cm3: 1}, a: {unit_volume_cm3: 2}}", "two entries 'a'"),
@@ -171,7 +182,21 @@ def test_outer_dimensions_that_are_given_override_those_of_the_catalogue(tmp_pat
     part = resolve_part(PartRequest("nut", outer_size_m=given), str(path))
     assert part.outer_size_m == given and part.counted == (COUNTED,)
     assert resolve_part(PartRequest("", 1e-6, given)).outer_size_m == given
-    with pytest.raises(PartError, match=r"size_mm .*a box of 2 cm3; one that holds v, 3 cm3"):
+    with pytest.raises(PartError, match=r"20 x 10 x 10 mm, a box of 2 cm3 .*as v is 3 cm3"):
         resolve_part(PartRequest("", 3e-6, given))
     with pytest.raises(PartError, match="no part named"):
         resolve_part(PartRequest(outer_size_m=given))
+
+
+def test_a_given_size_unlike_the_meshs_takes_its_measures_away(tmp_path):
+    path = tmp_path / "parts.yaml"
+    measures = MeshMeasures(0.45, 0.01, 2, (0.012, 0.011, 0.003))
+    save_part(Part(1e-6, "nut", outer_size_m=(0.03, 0.02, 0.01), mesh_measures=measures), path)
+    near, far = (resolve_part(PartRequest("nut", outer_size_m=size), str(path))
+                 for size in ((0.0102, 0.0202, 0.0303), (0.02, 0.02, 0.01)))
+    assert near.form.level == KnownLevel.MESH and far.form.level == KnownLevel.SIZE
+
+
+def test_outer_dimensions_alone_are_refused():
+    with pytest.raises(PartError, match="without part or unit_volume"):
+        check_names_a_part(PartRequest(outer_size_m=(0.03, 0.02, 0.01)))
