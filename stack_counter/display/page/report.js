@@ -3,7 +3,9 @@
 (() => {
   const figure = document.querySelector("#model");
   const viewer = figure.querySelector("model-viewer");
-  viewer.addEventListener("load", () => figure.classList.add("ready"));
+  const show = () => figure.classList.add("ready");
+  viewer.addEventListener("load", show);
+  if (viewer.loaded) show();  // it may have been there before this script ran
   viewer.addEventListener("error", () => figure.classList.remove("ready"));
   for (const button of figure.querySelectorAll("button")) {
     button.addEventListener("click", () => {
