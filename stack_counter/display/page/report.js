@@ -3,9 +3,7 @@
 (() => {
   const figure = document.querySelector("#model");
   const viewer = figure.querySelector("model-viewer");
-  const show = () => figure.classList.add("ready");
-  viewer.addEventListener("load", show);
-  if (viewer.loaded) show();  // it may have been there before this script ran
+  viewer.addEventListener("load", () => figure.classList.add("ready"));
   viewer.addEventListener("error", () => figure.classList.remove("ready"));
   for (const button of figure.querySelectorAll("button")) {
     button.addEventListener("click", () => {
