@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from kits.gamma_weights import make_gamma_net
 from kits.surfaces import sine_hills, stack_volume_of_heights
 
 from stack_counter.errors import WeightsError
@@ -47,7 +48,7 @@ def by_onnx_runtime(path):
 def small(tmp_path_factory):
     """A file of two small untrained networks with their graph."""
     torch.manual_seed(0)
-    nets = [GammaNet(SMALL).eval() for _ in range(2)]
+    nets = [make_gamma_net(SMALL).eval() for _ in range(2)]
     path = tmp_path_factory.mktemp("small") / "w.safetensors"
     save_members(path, nets, {}, {}, export_ensemble(nets))
     return path

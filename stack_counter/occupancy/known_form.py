@@ -8,6 +8,8 @@ reciprocal of their product.
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 
@@ -44,7 +46,7 @@ def form_of_mesh(vertices: np.ndarray, faces: np.ndarray) -> KnownForm:
     variances, axes = np.linalg.eigh(second / volume - np.outer(center, center))
     # Choose the smallest box.
     boxes = [_box_across(vertices, frame) for frame in _turned_frames(np.eye(3), axes)]
-    x, y, z = sorted(min(boxes, key=np.prod), reverse=True)
+    x, y, z = sorted(min(boxes, key=math.prod), reverse=True)
     edges = 3 * len(faces) // 2
     genus = round(1 - (len(vertices) - edges + len(faces)) / 2)
     gx, gy, gz = np.sqrt(np.maximum(variances[::-1], 0)).tolist()

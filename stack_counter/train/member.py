@@ -14,6 +14,7 @@ import torch
 from torch import nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
+from stack_counter.errors import ConfigError
 from stack_counter.occupancy.checkpoint import make_net
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.known_form import hide_above
@@ -118,8 +119,15 @@ class _Training:
         self._config = config
 
     def load(self, path: Path) -> None:
-        """Goes on from a checkpoint."""
+        """Goes on from a checkpoint.
+
+        Raises:
+            ConfigError: it is of a network of another architecture.
+        """
         state = read_checkpoint(path)
+        if isinstance(self.net, GammaNet) and state["net_config"] != asdict(self.net.config):
+            raise ConfigError(f"{path} is of a network {state['net_config']}; expected "
+                              f"{asdict(self.net.config)}: name another --out")
         for name, part in self._parts().items():
             part.load_state_dict(state[name])
         self.history, self.best = state["history"], state["best"]

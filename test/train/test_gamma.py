@@ -199,3 +199,11 @@ def test_large_groups_of_families_weigh_less():
     weights = gamma.family_weights(["nut_small"] * 15 + ["nut"] + ["tube"])
     assert weights.mean() == pytest.approx(1) and weights[0] == weights[15]
     assert weights[16] / weights[0] == pytest.approx(8)  # 16 to the power of 0.75
+
+
+def test_a_checkpoint_of_another_architecture_is_refused(tmp_path):
+    config, path = member.TrainConfig(epochs=2, batch=8), tmp_path / "member_0.pt"
+    member.train_member(GammaNet(SMALL), data(16), data(8), config, path)
+    with pytest.raises(ConfigError, match="name another --out"):
+        member.train_member(GammaNet(replace(SMALL, knows_form=True)), data(16), data(8),
+                            replace(config, epochs=3), path)

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from stack_counter.child_processes import worker_pool
+from stack_counter.errors import ConfigError
 from stack_counter.occupancy.known_form import KNOWN_VALUES, form_of_mesh, known_values
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, make_maps
 from stack_counter.progress import progress
@@ -192,9 +193,16 @@ def write_samples(path: Path, samples: list[Sample], **more: np.ndarray) -> None
 
 
 def read_samples(path: Path) -> list[Sample]:
-    """Reads the samples that `write_samples` has written."""
+    """Reads the samples that `write_samples` has written.
+
+    Raises:
+        ConfigError: another version has written them.
+    """
     samples = []
     with np.load(path, allow_pickle=False) as file:
+        if "known" not in file:
+            raise ConfigError(f"{path} is of an older version, without what is known of parts; "
+                              "expected none: delete it and run the command that made it again")
         facts, names, families, kinds, known = (
             file[n] for n in ("facts", "names", "families", "kinds", "known"))
         for i, (gamma, *logs, part_length, count, fill, walled) in enumerate(facts):
