@@ -202,7 +202,7 @@ def test_large_groups_of_families_weigh_less():
 
 
 def test_a_checkpoint_of_another_architecture_is_refused(tmp_path):
-    config, path = member.TrainConfig(epochs=2, batch=8), tmp_path / "member_0.pt"
+    config, path = member.TrainConfig(epochs=1, batch=8), tmp_path / "member_0.pt"
     member.train_member(GammaNet(SMALL), data(16), data(8), config, path)
     with pytest.raises(ConfigError, match="name another --out"):
         member.train_member(GammaNet(replace(SMALL, knows_form=True)), data(16), data(8),
