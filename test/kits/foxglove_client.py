@@ -2,11 +2,14 @@
 """A client of the Foxglove WebSocket protocol, as the Foxglove app is one."""
 
 import json
+import re
 import struct
+import time
 
 from websockets.sync.client import connect
 
 PROTOCOL = "foxglove.sdk.v1"
+_REFUSED = re.compile(r"Unknown channel ID: (\d+)")
 MESSAGE_DATA = 1  # first byte of a binary frame that holds a message
 
 
@@ -47,5 +50,15 @@ class FoxgloveClient:
             self.channels[channel["topic"]] = channel
             if channel["topic"] in self._wanted or not self._wanted:
                 self._topic_of[channel["id"]] = channel["topic"]
-                self._socket.send(json.dumps({"op": "subscribe", "subscriptions": [
-                    {"id": channel["id"], "channelId": channel["id"]}]}))
+                self._subscribe(channel["id"])
+        for number in message["channelIds"] if message["op"] == "unadvertise" else []:
+            self._topic_of.pop(number, None)
+        # A server may advertise a channel before it takes subscriptions to it.
+        refused = _REFUSED.fullmatch(message.get("message", ""))
+        if refused and int(refused[1]) in self._topic_of:
+            time.sleep(0.1)
+            self._subscribe(int(refused[1]))
+
+    def _subscribe(self, number):
+        self._socket.send(json.dumps({"op": "subscribe", "subscriptions": [
+            {"id": number, "channelId": number}]}))
