@@ -33,7 +33,8 @@ from stack_counter.counting import with_reasons
 from stack_counter.errors import ConfigError, ScanError
 from stack_counter.files import config_path
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
-from stack_counter.parts.catalogue import Part, resolve_part
+from stack_counter.parts.catalogue import Part
+from stack_counter.parts.part_lookup import resolve_part
 from stack_counter.pipeline import StackCounter
 from stack_counter.region_counters import RegionCounters, RegionVolume
 from stack_counter.segmentation.prompts import read_prompts

@@ -15,15 +15,9 @@ from stack_counter.cli.common import chosen_time_range, require_bag
 from stack_counter.config import Config, load_config
 from stack_counter.errors import PartError
 from stack_counter.files import config_path
-from stack_counter.parts.catalogue import (
-    Part,
-    find_part,
-    load_parts,
-    remove_part,
-    resolve_part,
-    save_part,
-)
+from stack_counter.parts.catalogue import Part, find_part, load_parts, remove_part, save_part
 from stack_counter.parts.gamma_model import GammaModel
+from stack_counter.parts.part_lookup import resolve_part
 from stack_counter.progress import progress_bar
 from stack_counter.types import PartRequest
 

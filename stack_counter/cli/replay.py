@@ -145,7 +145,7 @@ def _settings(options: argparse.Namespace) -> Config:
 def _part(options: argparse.Namespace, config: Config) -> Part:
     """The part that the command line, else the settings name."""
     from stack_counter.counting import check_unit_volume
-    from stack_counter.parts.catalogue import configured_part, resolve_part
+    from stack_counter.parts.part_lookup import configured_part, resolve_part
 
     request = configured_part(config.counter)
     if options.unit_volume_cm3 is not None:

@@ -90,7 +90,7 @@ def _check_catalogues(config: Config) -> None:
         ConfigError: the container is unknown, or a catalogue is missing or malformed.
     """
     # Not at the top: help is to load none of it.
-    from stack_counter.parts.catalogue import configured_part, resolve_part
+    from stack_counter.parts.part_lookup import configured_part, resolve_part
 
     for settings in (config.counter, config.collector):
         if configured_part(settings).names_a_part:

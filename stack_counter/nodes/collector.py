@@ -24,7 +24,7 @@ from stack_counter.nodes.scan_lines import forgotten_line, opened_line
 from stack_counter.nodes.scan_modes import make_session
 from stack_counter.nodes.scan_queue import QueuedScan
 from stack_counter.nodes.scan_recording import ScanRecording
-from stack_counter.parts.catalogue import configured_part
+from stack_counter.parts.part_lookup import configured_part
 from stack_counter.ros.conversions import to_posed_image
 from stack_counter.ros.diagnostics import WARN
 from stack_counter.ros.lifecycle import ManagedNode, run

@@ -16,11 +16,7 @@ from std_srvs.srv import Trigger
 from stack_counter.config import CounterConfig
 from stack_counter.errors import ConfigError, PartError
 from stack_counter.nodes.count_job import CountJob, CountJobRunner, Request
-from stack_counter.parts.catalogue import (
-    check_names_a_part,
-    configured_part,
-    resolve_part,
-)
+from stack_counter.parts.part_lookup import check_names_a_part, configured_part, resolve_part
 from stack_counter.ros.lifecycle import ManagedNode
 from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.qos import RELIABLE

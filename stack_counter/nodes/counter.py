@@ -14,7 +14,7 @@ from stack_counter.nodes.count_action import CountAction
 from stack_counter.nodes.count_publishers import CountPublishers
 from stack_counter.nodes.result_logging import ResultLogging
 from stack_counter.occupancy import make_estimator
-from stack_counter.parts.catalogue import configured_part, resolve_part
+from stack_counter.parts.part_lookup import configured_part, resolve_part
 from stack_counter.ros.conversions import (
     failed_count,
     from_reasons,

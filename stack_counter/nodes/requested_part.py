@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from stack_counter.errors import ConfigError, PartError
-from stack_counter.parts.catalogue import check_names_a_part, resolve_part
+from stack_counter.parts.part_lookup import check_names_a_part, resolve_part
 from stack_counter.types import PartRequest
 
 

@@ -7,14 +7,8 @@ import pytest
 from kits.known_parts import COUNTED, gamma_model
 
 from stack_counter.errors import ConfigError, PartError
-from stack_counter.parts.catalogue import (
-    Part,
-    check_names_a_part,
-    load_parts,
-    remove_part,
-    resolve_part,
-    save_part,
-)
+from stack_counter.parts.catalogue import Part, load_parts, remove_part, save_part
+from stack_counter.parts.part_lookup import check_names_a_part, resolve_part
 from stack_counter.parts.part_models import PartModels
 from stack_counter.types import KnownLevel, MeshMeasures, PartRequest
 
