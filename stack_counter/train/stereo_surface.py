@@ -91,8 +91,7 @@ def main() -> int:
     if options.command == "pairs":
         _make_pairs(options.folder, options.scenes)
         return 0
-    pairs = [pair for pair in read_pairs(options.folder)
-             if pair.source == "pictures" and _is_usable(pair)]
+    pairs = [pair for pair in read_pairs(options.folder) if _is_usable(pair)]
     if options.command == "fit":
         targets = [target_of(pair) for pair in pairs]
         fitted = fit(targets)
@@ -124,23 +123,19 @@ def _make_pairs(folder: Path, texts: list[str]) -> None:
 
 
 def make_pairs_of_scene(scene: Scene, name: str, width_px: int) -> list[SurfacePair]:
-    """Records a scene and reconstructs it from pictures and from depth; what is refused lacks."""
+    """Records a scene and reconstructs it from pictures; none where that is refused."""
     height_px, focal = width_px * 3 // 4, SETTINGS.field * width_px
     camera = Intrinsics(width_px, height_px, focal, focal, (width_px - 1) / 2,
                         (height_px - 1) / 2)
     views = record(scene, SETTINGS.views, intrinsics=camera, labels=True)
-    pairs = []
-    for source, lacking in (("pictures", "depth"), ("depth", "labels")):
-        stack = StackCounter(ReconstructorConfig(), scene.truth.unit_volume)
-        try:
-            for view in views:
-                stack.add_view(replace(view, **{lacking: None}))
-            volume = stack.volume()
-            if volume.top is not None:
-                pairs.append(make_pair(scene, volume, name, source))
-        except StackCounterError as error:
-            print(f"{name}, {source}: {error}", file=sys.stderr)
-    return pairs
+    stack = StackCounter(ReconstructorConfig(), scene.truth.unit_volume)
+    try:
+        for view in views:
+            stack.add_view(replace(view, depth=None))
+        return [make_pair(scene, stack.volume(), name)]
+    except StackCounterError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return []
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,6 @@ class SurfacePair:
         part_length_m: v**(1/3), metres.
         name: folder and index of the scene.
         family: of the part's shape.
-        source: `pictures` or `depth`.
     """
 
     cast: np.ndarray
@@ -47,7 +46,6 @@ class SurfacePair:
     part_length_m: float
     name: str
     family: str
-    source: str
 
     @property
     def resolution(self) -> float:
@@ -60,7 +58,7 @@ class SurfacePair:
                          self.valid, self.walled)
 
 
-def make_pair(scene: Scene, volume: StackVolume, name: str, source: str) -> SurfacePair:
+def make_pair(scene: Scene, volume: StackVolume, name: str) -> SurfacePair:
     """Casts rays on a scene where a reconstruction of it has its cells.
 
     Raises:
@@ -89,7 +87,7 @@ def make_pair(scene: Scene, volume: StackVolume, name: str, source: str) -> Surf
         cast, maps.top, maps.top - maps.height,
         (seen_by / ARC_SETTINGS.views).astype(np.float32), valid,
         volume.container.kind not in ("none", "hull"), volume.resolution_m, part_length, name,
-        scene.shape.family, source)
+        scene.shape.family)
 
 
 def write_pairs(path: Path, pairs: list[SurfacePair]) -> None:

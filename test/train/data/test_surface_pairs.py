@@ -26,7 +26,7 @@ def made_pair(seed, blur, family="nut"):
     cast = cv2.GaussianBlur(random.standard_normal((64, 64)), (0, 0), 1.0).astype(np.float32) + 3
     valid = np.ones(cast.shape, bool)
     return SurfacePair(cast, blurred(cast, blur), np.zeros_like(cast), np.ones_like(cast), valid,
-                       True, 0.003, 0.02, f"train-deep:{seed}", family, "pictures")
+                       True, 0.003, 0.02, f"train-deep:{seed}", family)
 
 
 def blurred(top, sigma):
@@ -43,7 +43,7 @@ def test_rays_are_cast_where_the_reconstruction_has_its_cells():
         shape=SimpleNamespace(family="cube"),
         parts_mesh=lambda: Mesh(box.vertices.astype(np.float32), box.faces.astype(np.int32)))
     volume = stack_volume_of_heights(np.full((20, 20), 0.015), pitch=0.002, kind="none")
-    pair = make_pair(scene, volume, "train-deep:1", "depth")
+    pair = make_pair(scene, volume, "train-deep:1")
     assert pair.cast.shape == pair.top.shape == (16, 16)  # 40 mm of 2 part lengths
     np.testing.assert_allclose(pair.cast[4:12, 4:12], 1.0, atol=1e-4)
     assert not pair.cast[:4].any() and not pair.walled
