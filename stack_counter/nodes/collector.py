@@ -29,7 +29,7 @@ from stack_counter.ros.conversions import to_posed_image
 from stack_counter.ros.diagnostics import WARN
 from stack_counter.ros.lifecycle import ManagedNode, run
 from stack_counter.ros.part_fields import from_part_fields, to_part_fields
-from stack_counter.ros.qos import RELIABLE
+from stack_counter.ros.qos import LATCHED_ALL, RELIABLE
 from stack_counter.ros.standard_messages import to_header
 from stack_counter.types import PartRequest
 from stack_counter.views.rig import load_rig
@@ -58,7 +58,7 @@ class Collector(ManagedNode[CollectorConfig]):
                                     lambda: self._session.accepting_images,
                                     lambda: self._carry_out(self._session.collect_views()))
         self._posed_images = self.advertise(PosedImage, "posed_images", RELIABLE)
-        self._status = self.advertise(ScanStatus, "scan_status", RELIABLE)
+        self._status = self.advertise(ScanStatus, "scan_status", LATCHED_ALL)
         self.subscribe(ScanStatus, "scan_status", self._on_status, RELIABLE)
         self.add_service(StartScan, "start_scan", self._start_scan)
         self.add_service(StopScan, "stop_scan", self._stop_scan)

@@ -25,7 +25,7 @@ from stack_counter.ros.conversions import from_posed_image, from_skips, to_stack
 from stack_counter.ros.diagnostics import WARN, Rate
 from stack_counter.ros.lifecycle import ManagedNode, run
 from stack_counter.ros.part_fields import from_part_fields, to_part_fields
-from stack_counter.ros.qos import RELIABLE, latched
+from stack_counter.ros.qos import LATCHED_ALL, RELIABLE, latched
 from stack_counter.ros.standard_messages import to_header
 from stack_counter.types import Reason, ViewTally
 
@@ -68,7 +68,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         self._image_rate, self._last_view_s = Rate(), 0.0
         self.on_cleanup_call(self._release_scan)
         self._volume = self.advertise(StackVolume, "volume", latched(len(config.regions)))
-        self._status = self.advertise(ScanStatus, "scan_status", RELIABLE)
+        self._status = self.advertise(ScanStatus, "scan_status", LATCHED_ALL)
         self._display = Display(self)
         self._reports = ReportService(self, config)
         self._images = self.subscribe(PosedImage, "posed_images", self._on_image, RELIABLE)

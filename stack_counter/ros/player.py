@@ -41,6 +41,8 @@ class PlayerSettings:
         max_images_ahead: number of images played and not yet processed; by the design of the
             ROS interface.
         start_timeout_s: seconds for the nodes to start and answer; weights are loaded meanwhile.
+        answer_timeout_s: seconds after which an answer to a start is taken as lost: a server drops
+            it where it has not yet discovered the client, and the request is made again.
         stall_timeout_s: seconds without an image processed after which a node hangs.
         count_timeout_s: seconds from the last image to the count: SAM 2 takes seconds for each
             view without a GPU.
@@ -51,6 +53,7 @@ class PlayerSettings:
 
     max_images_ahead: int = 4
     start_timeout_s: float = 300.0
+    answer_timeout_s: float = 10.0
     stall_timeout_s: float = 180.0
     count_timeout_s: float = 900.0
     arrival_timeout_s: float = 30.0
@@ -176,18 +179,22 @@ class Player(Node):
         """
         request = StartScan.Request(**to_part_fields(part))
         deadline = time.monotonic() + SETTINGS.start_timeout_s
+        problem = ""
         while time.monotonic() < deadline:
-            answer = self._call(self._start, request)
-            if not answer.accepted:
+            answer = self._answer(self._start, request, SETTINGS.answer_timeout_s)
+            if answer is None:
+                problem = "start_scan gave no answer; expected one"
+            elif answer.accepted:
+                unmatched = set(answer.unmatched_topics) & set(self._record_publishers)
+                if not unmatched:
+                    return
+                problem = f"the collector does not receive {sorted(unmatched)}; expected a match"
+            elif not problem:
                 raise NodeError(f"start_scan refused: {answer.message}")
-            unmatched = set(answer.unmatched_topics) & set(self._record_publishers)
-            if not unmatched:
-                return
-            # The scan would lack what is played on these topics: begin it anew.
-            self._call(self._reset, Trigger.Request())
+            # Begin a scan anew whose answer was lost, or that would lack what is played.
+            self._answer(self._reset, Trigger.Request(), SETTINGS.answer_timeout_s)
             self._sleep(0.1)
-        raise NodeError(f"the collector does not receive {sorted(unmatched)}; expected a match "
-                        f"within {SETTINGS.start_timeout_s} s")
+        raise NodeError(f"{problem} within {SETTINGS.start_timeout_s} s")
 
     def play(self, reader: BagReader, rate: float, on_view: Callable[[], None]) -> None:
         """Publishes all records of the topics.
@@ -227,7 +234,9 @@ class Player(Node):
             ScanError: there is none, since no image has come.
             NodeError: there is no count in time, or a node has ended.
         """
-        stopped = self._call(self._stop, StopScan.Request())
+        stopped = self._answer(self._stop, StopScan.Request(), SETTINGS.start_timeout_s)
+        if stopped is None:
+            raise NodeError(f"stop_scan gave no answer within {SETTINGS.start_timeout_s} s")
         if not stopped.accepted:
             status = self._collector
             tally = ViewTally(status.received, skipped=from_skips(status))
@@ -240,13 +249,10 @@ class Player(Node):
         self.wait_until(lambda: self.heard.is_settled, SETTINGS.settle_s)
         return stopped.scan_id
 
-    def _call(self, client: Any, request: Any) -> Any:
-        """Returns a service's answer."""
+    def _answer(self, client: Any, request: Any, seconds: float) -> Any:
+        """Returns a service's answer; None where it does not come in time."""
         future = client.call_async(request)
-        if not self.wait_until(future.done, SETTINGS.start_timeout_s):
-            raise NodeError(f"service {client.srv_name} gave no answer within "
-                            f"{SETTINGS.start_timeout_s} s")
-        return future.result()
+        return future.result() if self.wait_until(future.done, seconds) else None
 
     def _images_received(self) -> int:
         """Returns the number of images that have reached the collector."""

@@ -25,7 +25,8 @@ def latched(regions: int) -> QoSProfile:
 
 # Latched, but the last one only: a result, or what is shown; it replaces the one before.
 LATCHED_NEWEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# For readers of a latched topic that must not lose any message of it, in live mode as well.
+# What a scan is at, which whoever comes late needs to know as well; and for readers of a latched
+# topic that must not lose any message of it, in live mode as well.
 LATCHED_ALL = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DIAGNOSTICS = QoSProfile(depth=10)
 # The topics of final counts. Both carry the same: `count` is what `result` was called, and goes

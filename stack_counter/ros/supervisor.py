@@ -11,6 +11,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -27,7 +28,7 @@ from stack_counter.parameter_files import NAMESPACE
 from stack_counter.ros.diagnostics import ERROR, OK, to_array
 from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.processes import NODES, SupervisedProcess
-from stack_counter.ros.qos import DIAGNOSTICS, FINAL_TOPICS, LATCHED_ALL, RELIABLE
+from stack_counter.ros.qos import DIAGNOSTICS, FINAL_TOPICS, LATCHED_ALL
 from stack_counter.ros.security import check_security
 from stack_counter.types import PartRequest
 
@@ -68,15 +69,17 @@ class Supervisor(Node):
         self._part = PartRequest()
         self._counted: set[str] = set()  # regions of the open scan whose final count has come
         self._open_scan = ""  # id of the scan of which a final count has not come
+        self._opened_ns = 0  # when the first word of it was published
         self._closed_scan = ""  # id of the scan before
-        self._last_death, self._died_at = "", -SETTINGS.error_shown_s
+        self._last_death, self._died_ns = "", 0  # and when
+        self._nodes_to_reset: set[str] = set()  # names
         self._lost_scan = ""  # id of the scan that was reported as lost last
         self._advertise_losses()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
-        self.create_subscription(ScanStatus, "scan_status", self._on_status, RELIABLE)
+        self.create_subscription(ScanStatus, "scan_status", self._on_status, LATCHED_ALL)
         self.create_subscription(StackCount, "result", self._on_result, LATCHED_ALL)
-        self._resets = [self.create_client(Trigger, name)
-                        for name in ("reset", "reset_reconstruction")]
+        self._resets = {"collector": self.create_client(Trigger, "reset"),
+                        "reconstructor": self.create_client(Trigger, "reset_reconstruction")}
         self._processes = [SupervisedProcess(name, parameters, ros_arguments)
                            for name in NODES]
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # also where the nodes' is a bag's
@@ -85,13 +88,16 @@ class Supervisor(Node):
 
     # --- which scan is open -------------------------------------------------------------------
 
-    def _on_status(self, message: ScanStatus) -> None:
+    def _on_status(self, message: ScanStatus, about: dict[str, Any]) -> None:
         if message.state == ScanStatus.IDLE:
             if message.node == "collector":
                 self._close_scan()
         elif message.scan_id and (message.scan_id != self._closed_scan or _is_open(message)):
-            # The collector reports a scan once, perhaps before this node has subscribed; the
-            # reconstructor reports it with every view.
+            published_ns = about["source_timestamp"]
+            if message.scan_id == self._lost_scan and published_ns < self._died_ns:
+                return  # word from before the death that was reported
+            if message.scan_id != self._open_scan:
+                self._opened_ns = published_ns
             self._open_scan = message.scan_id
             self._part = from_part_fields(message)
 
@@ -115,21 +121,26 @@ class Supervisor(Node):
         for process in self._processes:
             cause = process.take_death()
             if cause:
-                self._report_death(process, cause)
+                self._note_death(process, cause)
             process.restart_if_due()
-
-    def _report_death(self, process: SupervisedProcess, cause: str) -> None:
-        """Logs a death, publishes its scan as lost, and has the other nodes forget that scan."""
-        self._last_death = f"{process.name} ended with {cause}"
-        self._died_at = time.monotonic()
-        pause_s = max(process.restart_at - time.monotonic(), 0)
-        self.get_logger().error(f"{self._last_death}; it starts again in {pause_s:.0f} s")
-        if self._open_scan:
+        if self._open_scan and self._opened_ns < self._died_ns:
             self._report_lost(f"scan '{self._open_scan}' lost: {self._last_death}")
             self._close_scan()
-        for client in self._resets:
-            if client.service_is_ready():
-                client.call_async(Trigger.Request())
+        self._reset_nodes()
+
+    def _note_death(self, process: SupervisedProcess, cause: str) -> None:
+        """Logs a death; the scan that was open is lost, also where word of it is yet to come."""
+        self._last_death = f"{process.name} ended with {cause}"
+        self._died_ns = time.time_ns()
+        pause_s = max(process.restart_at - time.monotonic(), 0)
+        self.get_logger().error(f"{self._last_death}; it starts again in {pause_s:.0f} s")
+        self._nodes_to_reset = set(self._resets) - {process.name}
+
+    def _reset_nodes(self) -> None:
+        """Has the nodes that a death left forget its scan, once they are found."""
+        for name in [n for n in self._nodes_to_reset if self._resets[n].service_is_ready()]:
+            self._resets[name].call_async(Trigger.Request())
+            self._nodes_to_reset.remove(name)
 
     # --- scans that are lost ------------------------------------------------------------------
 
@@ -170,7 +181,7 @@ class Supervisor(Node):
     # --- what is published --------------------------------------------------------------------
 
     def _publish_diagnostics(self) -> None:
-        recent = time.monotonic() - self._died_at < SETTINGS.error_shown_s
+        recent = time.time_ns() - self._died_ns < SETTINGS.error_shown_s * 1e9
         values: dict[str, object] = {}
         for process in self._processes:
             values[f"{process.name} restarts"] = process.restarts

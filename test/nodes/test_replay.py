@@ -14,6 +14,7 @@ from kits.station import station
 from kits.textures import closed_container_views
 
 from stack_counter.cli import main
+from stack_counter.ros.player import Player
 
 DEMO = Path(__file__).parents[2] / "bags" / "demo"
 
@@ -44,6 +45,20 @@ def test_live_gives_a_count_for_each_view_both_ways(tmp_path, capsys):
     stamps = [entry["stamp_ns"] for entry in direct["counts"]]
     assert stamps == [(i + 1) * 10**9 for i in range(12)]
     assert direct["counts"][-1]["count"] == direct["count"]
+
+
+def test_a_start_whose_answer_is_lost_is_made_again(tmp_path, capsys, monkeypatch):
+    """A server drops its answer where it has not yet discovered the client."""
+    answers, answer = [], Player._answer
+
+    def lose_the_first(player, client, request, seconds):
+        answers.append((client.srv_name, answer(player, client, request, seconds)))
+        return answers[-1][1] if len(answers) > 1 else None
+    monkeypatch.setattr(Player, "_answer", lose_the_first)
+    assert replay(tmp_path, capsys, "--nodes")["views"]["used"] == 12
+    assert [name.split("/")[-1] for name, _ in answers[:3]] == [
+        "start_scan", "reset", "start_scan"]
+    assert all(each.accepted for name, each in answers if name.endswith("start_scan"))
 
 
 def test_a_node_that_cannot_start_says_why(tmp_path, capsys):

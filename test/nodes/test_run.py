@@ -5,15 +5,21 @@ import os
 import signal
 import subprocess
 import sys
+import time
+from dataclasses import replace
 from pathlib import Path
 
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from kits.harness import LATCHED, PATIENCE_S, Camera
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from stack_counter_msgs.msg import ScanStatus, StackCount
+from stack_counter_msgs.msg import ScanStatus, StackCount, StackVolume
 from stack_counter_msgs.srv import StartScan
+from std_srvs.srv import Trigger
 
 from stack_counter.cli import main
+from stack_counter.ros import supervisor
 
 SPACE = "/stack_counter"
 
@@ -81,6 +87,61 @@ def test_a_node_that_is_killed_comes_back_and_its_scan_is_reported_lost(ros, tmp
     log.close()
     text = (tmp_path / "run.log").read_text()
     assert "scan 'doomed' lost" in text and "Traceback" not in text
+
+
+class DiesAtOnce:
+    """Stands in for the process of the reconstructor, which has ended; the others run."""
+
+    def __init__(self, name, parameters, ros_arguments):
+        self.name, self.restarts, self.restart_at, self.running = name, 0, 0.0, True
+        self._cause = "signal 9" if name == "reconstructor" else ""
+
+    def take_death(self):
+        cause, self._cause = self._cause, ""
+        return cause
+
+    def restart_if_due(self):
+        pass
+
+    @staticmethod
+    def stop_all(processes):
+        pass
+
+
+def test_a_scan_of_which_the_supervisor_hears_after_a_death_is_lost_as_well(
+        ros, tmp_path, monkeypatch):
+    """The supervisor's timer comes before any message of the nodes; resets wait for the nodes."""
+    monkeypatch.setattr(supervisor, "SupervisedProcess", DiesAtOnce)
+    monkeypatch.setattr(supervisor, "SETTINGS", replace(supervisor.SETTINGS, watch_period_s=0.0))
+    volumes = ros.collect_messages(StackVolume, f"{SPACE}/volume")
+    status = ros.node.create_publisher(ScanStatus, f"{SPACE}/scan_status", LATCHED)
+    status.publish(ScanStatus(node="collector", state=ScanStatus.SCANNING, scan_id="early"))
+    settings, resets = tmp_path / "p.yaml", []
+    settings.write_text("{}")
+    rclpy.init(domain_id=int(ros.environment["ROS_DOMAIN_ID"]))
+    node = supervisor.Supervisor(settings)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+
+    def spin_until(condition, what):
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < deadline, what
+            executor.spin_once(0.05)
+    try:
+        spin_until(lambda: volumes, "word of the lost scan")
+
+        def reset(request, response):
+            resets.append(request)
+            return response
+        ros.node.create_service(Trigger, f"{SPACE}/reset", reset)
+        spin_until(lambda: resets, "a reset of the collector")
+        ros.wait(lambda: len(volumes) == 1, "one volume")
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+    assert volumes[0].error == "scan 'early' lost: reconstructor ended with signal 9"
+    assert volumes[0].scan_id == "early" and volumes[0].final
 
 
 def test_bad_settings_are_one_line_and_start_nothing(tmp_path, capsys):
