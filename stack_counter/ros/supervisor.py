@@ -76,7 +76,9 @@ class Supervisor(Node):
         self._lost_scan = ""  # id of the scan that was reported as lost last
         self._advertise_losses()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
-        self.create_subscription(ScanStatus, "scan_status", self._on_status, LATCHED_ALL)
+        # rclpy gives a callback of two parameters what it knows about the message as well.
+        self.create_subscription(ScanStatus, "scan_status",
+                                 self._on_status, LATCHED_ALL)  # type: ignore[arg-type]
         self.create_subscription(StackCount, "result", self._on_result, LATCHED_ALL)
         self._resets = {"collector": self.create_client(Trigger, "reset"),
                         "reconstructor": self.create_client(Trigger, "reset_reconstruction")}
