@@ -15,6 +15,7 @@ from stack_counter.sim.camera.recording import (
     record,
     record_fixed_camera,
     record_returning_camera,
+    scaled_camera,
 )
 from stack_counter.sim.hard.kinds import HARD_KINDS, hard_kind, make_hard_scan
 from stack_counter.sim.hard.piles import read_piles
