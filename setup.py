@@ -82,6 +82,8 @@ EXTRAS = {
     "view": ["foxglove-sdk>=0.30.3"],
     # Pictures without poses: structure from motion, EXIF and HEIC (no keys but pillow's).
     "pictures": ["pycolmap>=4.2.1", "pillow>=12.3", "pillow-heif>=1.8.1"],
+    # Counts of whole archives: tables, and clusters of machines (no keys).
+    "archive": ["pyarrow>=26.0.1", "ray>=2.60"],
     # STEP files of parts (no key).
     "cad": ["cascadio>=0.1.1"],
     "test": [
@@ -114,7 +116,7 @@ if __name__ == "__main__":  # scripts/setup.sh imports the lists above
         python_requires=">=3.10,<3.14",
         packages=find_packages(include=[NAME, f"{NAME}.*"]),
         package_data={NAME: ["py.typed", "weights/*", "display/page/*.j2", "display/page/*.css",
-                              "display/page/*.js", "display/page/model_viewer/*"]},
+                              "display/page/*.js", "display/page/model_viewer/*", "archive/*.j2"]},
         data_files=[
             ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
             (f"share/{NAME}", ["package.xml"]),

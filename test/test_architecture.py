@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parent.parent / "stack_counter"
 
 # The ground: modules directly in the package. Each may import those before it.
 GROUND = ("errors", "types", "named_region", "parameter_files", "config", "rotations", "geometry",
-          "files", "pretrained", "inference", "counting", "child_processes", "progress")
+          "files", "pretrained", "inference", "counting", "child_processes", "tasks", "progress")
 # Package -> which others it may import besides the ground; only what stands above it here.
 LAYERS = {
     "lean_open3d": (), "views": ("lean_open3d",), "fusion": ("lean_open3d",), "display": (),
@@ -32,6 +32,7 @@ LAYERS = {
     "region_counters": ("pipeline",),
     "bag": ("views", "segmentation", "occupancy", "parts", "stack_count", "pipeline",
             "region_counters"),
+    "archive": ("display", "occupancy", "parts", "bag"),
     "pictures": ("bag",),
     "ros": ("views", "display", "bag"),
     "nodes": ("views", "display", "occupancy", "parts", "stack_count", "region_counters",
@@ -61,7 +62,9 @@ LIBRARIES = {
     r"onnxruntime": "inference",
     r"sapien|coacd|manifold3d": "sim",
     r"matplotlib": "sim train eval",
-    r"jinja2": "display",
+    r"jinja2": "display archive",
+    r"ray": "tasks",
+    r"pyarrow": "archive",
 }
 ROS_AND_BAGS = ("rclpy", "mcap", "rosbags", "sapien", "coacd", "manifold3d")
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))

@@ -91,7 +91,8 @@ def count_bag(path: str | Path, *, part: str = "", unit_volume: float = 0.0,
 
 def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
                   on_view: Callable[[], None] = lambda: None, begin: float | None = None,
-                  time_range: TimeRange = WHOLE_BAG) -> list[Replayed]:
+                  time_range: TimeRange = WHOLE_BAG,
+                  estimator: OccupancyEstimator | None = None) -> list[Replayed]:
     """Feeds a bag to `RegionCounters` as fast as it can, or in real time times `rate`.
 
     Args:
@@ -102,6 +103,7 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
         on_view: called after each view used, for progress.
         begin: when the command began (`time.perf_counter`): imports count as loading. None: now.
         time_range: the part of the bag whose images are used.
+        estimator: made before, by the same settings; None: it is made.
 
     Returns:
         One result for each named region, at least one of them with a count; one without names.
@@ -117,7 +119,8 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
     begin = time.perf_counter() if begin is None else begin
     bag = BagViews(path, config.collector, time_range)
     config = with_scale_of_bag(config, bag.reader)
-    settings = _CountSettings(part, make_estimator(config.counter), config.counter.confidence)
+    settings = _CountSettings(part, estimator or make_estimator(config.counter),
+                              config.counter.confidence)
     counters = RegionCounters(config.reconstructor, part.unit_volume)
     loaded = time.perf_counter()
     # Count, and add where the time went.

@@ -25,23 +25,18 @@ from stack_counter.cli.doctor import add_doctor
 from stack_counter.cli.import_scene import add_import
 from stack_counter.cli.parts import add_part
 from stack_counter.cli.play import add_play
+from stack_counter.cli.recount import add_recount
 from stack_counter.cli.replay import add_replay
 from stack_counter.cli.run import add_run
 from stack_counter.cli.simulate import add_simulate
 from stack_counter.cli.view import add_view
 from stack_counter.config import load_config
-from stack_counter.errors import (
-    ConfigError,
-    MeshError,
-    PartError,
-    StackCounterError,
-    WeightsError,
-)
+from stack_counter.errors import StackCounterError, exit_code_of
 from stack_counter.eval.arguments import ADD_ARGUMENTS
 from stack_counter.files import config_path
 from stack_counter.train.arguments import add_train_arguments
 
-_USAGE, _NO_COUNT, _INTERRUPTED = 2, 3, 130
+_INTERRUPTED = 130
 _EVALUATIONS = {
     "gamma": "of gamma, beside the baselines",
     "count": "of the whole count and its interval",
@@ -66,10 +61,8 @@ def main(arguments: list[str] | None = None) -> int:
         options = _make_parser().parse_args(arguments)
         with _interrupted_by_sigterm():
             return options.run(options)
-    except (ConfigError, MeshError, PartError, WeightsError, OSError) as error:
-        return _report_error(error, _USAGE)
-    except StackCounterError as error:
-        return _report_error(error, _NO_COUNT)
+    except (StackCounterError, OSError) as error:
+        return _report_error(error)
     except KeyboardInterrupt:
         return _INTERRUPTED
 
@@ -87,9 +80,9 @@ def _interrupted_by_sigterm() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _report_error(error: Exception, code: int) -> int:
+def _report_error(error: Exception) -> int:
     print(f"stack-counter: {' '.join(str(error).split())}", file=sys.stderr)
-    return code
+    return exit_code_of(error)
 
 
 def _make_parser() -> argparse.ArgumentParser:
@@ -98,6 +91,7 @@ def _make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     add_replay(commands)
+    add_recount(commands)
     add_run(commands)
     add_view(commands)
     add_play(commands)

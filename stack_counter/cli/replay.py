@@ -206,7 +206,7 @@ def _cycle_text(entry: dict[str, Any]) -> str:
 def _show_result(options: argparse.Namespace, config: Config, part: Part, result: Replayed
                  ) -> None:
     """Prints and writes the one result of a scan without named regions."""
-    from stack_counter.cli.report_subject import report_subject
+    from stack_counter.display.page.subject import report_subject
     from stack_counter.display.report import as_dict, as_text, write_report
 
     count = result.count
@@ -217,7 +217,7 @@ def _show_result(options: argparse.Namespace, config: Config, part: Part, result
         options.json.write_text(json.dumps(as_dict(count, result.counts), indent=2) + "\n")
     if options.report:
         write_report(options.report, count, result.counts,
-                     report_subject(options.bag, config, part, count, true_count))
+                     report_subject(options.bag, config, part.name, count, true_count))
 
 
 def _show_regions(options: argparse.Namespace, config: Config, part: Part,
@@ -228,14 +228,14 @@ def _show_regions(options: argparse.Namespace, config: Config, part: Part,
         regions_as_text,
         write_region_reports,
     )
-    from stack_counter.cli.report_subject import report_subject
+    from stack_counter.display.page.subject import report_subject
 
     print(regions_as_text(results))
     if options.json:
         options.json.write_text(json.dumps(regions_as_dict(results), indent=2) + "\n")
     if options.report:
         write_region_reports(options.report, results,
-                             partial(report_subject, options.bag, config, part))
+                             partial(report_subject, options.bag, config, part.name))
 
 
 def _true_count(bag: Path) -> int | None:

@@ -118,6 +118,7 @@ _DEFINITIONS = {
         "allOf": [_object({**_LINE, "views": _VIEWS, "reasons": _COUNT["reasons"]}),
                   {"anyOf": [{"$ref": "#/$defs/count"}, {"$ref": "#/$defs/failure"}]}]},
 }
+_LOGGED = _object({**_LINE, **_COUNT, "error": _ERROR})
 
 
 def result_schema() -> Schema:
@@ -137,7 +138,12 @@ def log_columns(line: Mapping[str, Any]) -> dict[str, Any]:
     Objects with fixed keys and arrays of fixed length have a column for each value, as
     `views.used` and `count_interval.0`; other objects and arrays are one cell of JSON.
     """
-    return _cells(line, _object({**_LINE, **_COUNT, "error": _ERROR}), "")
+    return _cells(line, _LOGGED, "")
+
+
+def log_column_kinds() -> dict[str, str]:
+    """Returns whether a column of the log holds `integer`, `number` or `string`."""
+    return _kinds(_LOGGED, "")
 
 
 def _cells(value: Any, schema: Schema, name: str) -> dict[str, Any]:
@@ -151,3 +157,18 @@ def _cells(value: Any, schema: Schema, name: str) -> dict[str, Any]:
         items = value if value is not None else [None] * schema["maxItems"]
         return {f"{name}.{index}": item for index, item in enumerate(items)}
     return {name: json.dumps(value) if isinstance(value, (Mapping, list)) else value}
+
+
+def _kinds(schema: Schema, name: str) -> dict[str, str]:
+    """Returns the kinds of the cells of one value and of what is in it."""
+    if "properties" in schema:
+        kinds: dict[str, str] = {}
+        for key, part in schema["properties"].items():
+            kinds |= _kinds(part, f"{name}.{key}" if name else key)
+        return kinds
+    if "maxItems" in schema:
+        return {f"{name}.{index}": schema["items"]["type"] for index in range(schema["maxItems"])}
+    if "const" in schema:
+        return {name: "integer"}
+    kind = schema.get("type", "string")
+    return {name: kind if kind in ("integer", "number") else "string"}
