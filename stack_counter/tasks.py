@@ -17,8 +17,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
-import cv2
-
 from stack_counter.child_processes import worker_pool
 from stack_counter.errors import ConfigError, LostWorkerError
 
@@ -179,7 +177,7 @@ _kept: list[Callable] = []  # the function, in a worker's process
 
 def _keep(function: Callable) -> None:
     """Keeps the function in the process of a worker."""
-    cv2.setNumThreads(1)
+    _use_one_thread()
     _kept[:] = [function]
 
 
@@ -213,11 +211,18 @@ class _Actor:
     """Keeps the function on a machine of the cluster."""
 
     def __init__(self, function: Callable):
-        cv2.setNumThreads(1)
+        _use_one_thread()
         self._function = function
 
     def call(self, task: Any) -> Any:
         return self._function(task)
+
+
+def _use_one_thread() -> None:
+    """Has OpenCV, which reads no variable of the environment, use one thread in this process."""
+    import cv2  # which no command's help waits for
+
+    cv2.setNumThreads(1)
 
 
 class _RayWorker:
