@@ -7,7 +7,8 @@ begins again on a new worker, and no other.
 
 from __future__ import annotations
 
-import importlib
+import argparse
+import logging
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -15,15 +16,16 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from stack_counter.child_processes import worker_pool
-from stack_counter.errors import ConfigError, LostWorkerError
+from stack_counter.errors import LostWorkerError
+from stack_counter.ray_actors import RayCrew, use_one_thread
 
 T = TypeVar("T")
 R = TypeVar("R")
 
-LOCAL = "local"  # address that means a Ray of this run's own, on this machine
+_LOG = logging.getLogger(__name__)
 _THREADS = "OMP_NUM_THREADS"  # by which NumPy, Open3D and ONNX Runtime choose theirs
 
 
@@ -55,6 +57,58 @@ class Workers:
     processes: int = 1
     ray: str = ""
 
+    @staticmethod
+    def add_arguments(command: argparse.ArgumentParser) -> None:
+        """Adds `--workers N` and `--ray ADDRESS` to a command."""
+        where = command.add_mutually_exclusive_group()
+        where.add_argument("--workers", type=_positive, default=1, metavar="N",
+                           help="processes of this machine (default 1)")
+        where.add_argument("--ray", default="", metavar="ADDRESS",
+                           help="all CPUs of a Ray cluster; local: one that is started here")
+
+    @classmethod
+    def of(cls, options: argparse.Namespace) -> Workers:
+        """Returns where the command line has tasks run."""
+        return cls(options.workers, options.ray)
+
+
+def _positive(text: str) -> int:
+    """Argument type: a whole number above 0."""
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a whole number above 0")
+    return int(text)
+
+
+def map_tasks(function: Callable[[T], R], tasks: Iterable[T], workers: Workers) -> Iterator[R]:
+    """Yields what the function gives for every task, in the order of the tasks.
+
+    One process alone is this one: nothing is started, nor sent.
+
+    Raises:
+        ConfigError: the Ray cluster cannot be reached, or Ray is not installed.
+        LostWorkerError: a task has lost one worker after the other.
+    """
+    if workers == Workers():
+        yield from map(function, tasks)
+        return
+    done: dict[int, R] = {}
+    following = 0
+    for (index, _), future in run_tasks(_OfNumbered(function), list(enumerate(tasks)), workers):
+        done[index] = future.result()
+        while following in done:
+            yield done.pop(following)
+            following += 1
+
+
+@dataclass(frozen=True)
+class _OfNumbered(Generic[T, R]):
+    """A function of tasks, as one of tasks with their numbers."""
+
+    function: Callable[[T], R]
+
+    def __call__(self, task: tuple[int, T]) -> R:
+        return self.function(task[1])
+
 
 def run_tasks(function: Callable[[T], R], tasks: Iterable[T], workers: Workers
               ) -> Iterator[tuple[T, Future[R]]]:
@@ -76,8 +130,10 @@ def run_tasks(function: Callable[[T], R], tasks: Iterable[T], workers: Workers
     waiting = deque((task, 1) for task in tasks)
     running: dict[Future, tuple[_Worker, T, int]] = {}
     free: list[_Worker] = []
+    if not waiting:
+        return  # nothing is started
     with ExitStack() as stack:
-        crew: _Crew = _RayCrew(function, workers.ray, stack) if workers.ray \
+        crew: _Crew = RayCrew(function, workers.ray, stack) if workers.ray \
             else _ProcessCrew(function, workers.processes, stack)
         while waiting or running:
             # Give every worker a task; those without one make room for others that must begin.
@@ -96,6 +152,7 @@ def run_tasks(function: Callable[[T], R], tasks: Iterable[T], workers: Workers
                     continue
                 worker.dismiss()
                 if attempt < SETTINGS.max_attempts:
+                    _LOG.error("a worker was killed; its task begins again")
                     waiting.append((task, attempt + 1))
                 else:
                     yield task, _failed(LostWorkerError(
@@ -138,7 +195,7 @@ class _Crew(Protocol):
 class _ProcessCrew:
     """Each worker is a process of this machine that ends with this one."""
 
-    lost = (BrokenProcessPool,)
+    lost: tuple[type[BaseException], ...] = (BrokenProcessPool,)
 
     def __init__(self, function: Callable, processes: int, stack: ExitStack):
         self.size = processes
@@ -177,87 +234,9 @@ _kept: list[Callable] = []  # the function, in a worker's process
 
 def _keep(function: Callable) -> None:
     """Keeps the function in the process of a worker."""
-    _use_one_thread()
+    use_one_thread()
     _kept[:] = [function]
 
 
 def _call_kept(task: Any) -> Any:
     return _kept[0](task)
-
-
-class _RayCrew:
-    """Each worker is an actor that has one CPU of a cluster."""
-
-    def __init__(self, function: Callable, address: str, stack: ExitStack):
-        ray = _require_ray()
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent to anybody
-        own = {"include_dashboard": False} if address == LOCAL else {}
-        try:
-            ray.init(address=address, log_to_driver=False, logging_level="ERROR", **own)
-        except (ConnectionError, RuntimeError, ValueError) as error:
-            raise ConfigError(f"no Ray cluster at '{address}': {' '.join(str(error).split())}; "
-                              "expected the address of one, HOST:6379, or 'local'") from error
-        stack.callback(ray.shutdown)
-        self.size = max(int(ray.cluster_resources().get("CPU", 1)), 1)
-        self.lost = (ray.exceptions.RayActorError,)
-        self._actor = ray.remote(num_cpus=1, max_restarts=0)(_Actor)
-        self._function = ray.put(function)
-
-    def hire(self) -> _Worker:
-        return _RayWorker(self._actor.remote(self._function))
-
-
-class _Actor:
-    """Keeps the function on a machine of the cluster."""
-
-    def __init__(self, function: Callable):
-        _use_one_thread()
-        self._function = function
-
-    def call(self, task: Any) -> Any:
-        return self._function(task)
-
-
-def _use_one_thread() -> None:
-    """Has OpenCV, which reads no variable of the environment, use one thread in this process."""
-    import cv2  # which no command's help waits for
-
-    cv2.setNumThreads(1)
-
-
-class _RayWorker:
-    """An actor, by its handle."""
-
-    def __init__(self, actor: Any):
-        self._actor = actor
-
-    def submit(self, task: Any) -> Future:
-        future: Future = Future()
-
-        def hand_on(done: Future) -> None:
-            error = done.exception()
-            if error is None:
-                future.set_result(done.result())
-            else:  # an error of the function comes within one of Ray's
-                future.set_exception(getattr(error, "cause", None) or error)
-
-        self._actor.call.remote(task).future().add_done_callback(hand_on)
-        return future
-
-    def dismiss(self) -> None:
-        _require_ray().kill(self._actor)
-
-
-def _require_ray() -> Any:
-    """Returns the module `ray`.
-
-    Raises:
-        ConfigError: it is not installed.
-    """
-    try:
-        return importlib.import_module("ray")
-    except ModuleNotFoundError as error:
-        if error.name != "ray":
-            raise
-        raise ConfigError("--ray takes the package ray, which is not installed; expected pip "
-                          "install 'stack_counter[archive]'") from error

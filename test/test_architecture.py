@@ -15,7 +15,8 @@ PACKAGE = Path(__file__).parent.parent / "stack_counter"
 
 # The ground: modules directly in the package. Each may import those before it.
 GROUND = ("errors", "types", "named_region", "parameter_files", "config", "rotations", "geometry",
-          "files", "pretrained", "inference", "counting", "child_processes", "tasks", "progress")
+          "files", "pretrained", "inference", "counting", "child_processes", "ray_actors", "tasks",
+          "progress")
 # Package -> which others it may import besides the ground; only what stands above it here.
 LAYERS = {
     "lean_open3d": (), "views": ("lean_open3d",), "fusion": ("lean_open3d",), "display": (),
@@ -63,7 +64,7 @@ LIBRARIES = {
     r"sapien|coacd|manifold3d": "sim",
     r"matplotlib": "sim train eval",
     r"jinja2": "display archive",
-    r"ray": "tasks",
+    r"ray": "ray_actors",
     r"pyarrow": "archive",
 }
 ROS_AND_BAGS = ("rclpy", "mcap", "rosbags", "sapien", "coacd", "manifold3d")

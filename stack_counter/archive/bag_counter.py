@@ -131,7 +131,7 @@ class BagCounter:
               ) -> dict[str, Any]:
         """The line of one region's result, and its report where one is wanted."""
         count = result.count
-        line = {"scan_id": scan_id, "region": result.region, "part": part.name}
+        line: dict[str, Any] = {"scan_id": scan_id, "region": result.region, "part": part.name}
         if count is None:
             return {**_error_line(3, result.error), **line}
         wanted = self.config.counter

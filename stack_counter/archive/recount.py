@@ -134,7 +134,7 @@ def _count(job: Recount, counter: BagCounter, missing: list[BagTask], journal: J
                                      if outcome.key and outcome.is_final}
     counter = replace(counter, known=frozenset(by_key))
     with progress_bar("recount", "bags", len(job.bags), len(done)) as advance:
-        for task, future in run_tasks(counter, missing, job.workers if missing else Workers()):
+        for task, future in run_tasks(counter, missing, job.workers):
             outcome = _outcome(task, future, counter)
             if outcome.key in by_key and not outcome.results:  # a copy of a bag, or one moved
                 same = by_key[outcome.key]

@@ -58,8 +58,7 @@ def table_rows(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
     rows = []
     for outcome in outcomes:
         for line in outcome.results:
-            own = {**vars(outcome), **{key: line[key] for key in ("exit_code", "report")
-                                       if key in line}}
+            own = {**vars(outcome), "exit_code": line["exit_code"], "report": line.get("report")}
             rows.append({**{name: own.get(name) for name in _BEFORE}, **log_columns(line),
                          **{name: own.get(name) for name in _BEHIND}})
     return rows

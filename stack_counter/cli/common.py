@@ -8,7 +8,6 @@ import math
 from pathlib import Path
 
 from stack_counter.bag.time_range import TimeRange
-from stack_counter.tasks import Workers
 
 
 def positive_integer(text: str) -> int:
@@ -61,17 +60,3 @@ def require_bag(path: Path | None) -> Path:
         raise FileNotFoundError(f"no bag {path}; expected a rosbag2 folder or an .mcap, .db3 "
                                 "or .bag file")
     return path
-
-
-def add_workers_arguments(command: argparse.ArgumentParser) -> None:
-    """Adds `--workers N` and `--ray ADDRESS`, which say where tasks run."""
-    where = command.add_mutually_exclusive_group()
-    where.add_argument("--workers", type=positive_integer, default=1, metavar="N",
-                       help="processes of this machine (default 1)")
-    where.add_argument("--ray", default="", metavar="ADDRESS",
-                       help="all CPUs of a Ray cluster; local: one that is started here")
-
-
-def chosen_workers(options: argparse.Namespace) -> Workers:
-    """Where the command line has tasks run."""
-    return Workers(options.workers, options.ray)

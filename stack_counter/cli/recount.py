@@ -6,9 +6,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from stack_counter.cli.common import add_config_argument, add_workers_arguments, chosen_workers
+from stack_counter.cli.common import add_config_argument
 from stack_counter.config import load_config
 from stack_counter.files import config_path
+from stack_counter.tasks import Workers
 from stack_counter.types import PartRequest
 
 
@@ -26,7 +27,7 @@ def add_recount(commands: argparse._SubParsersAction) -> None:
                          help="part of the catalogue; default: what each recording of the "
                               "collector names, else the settings")
     add_config_argument(recount)
-    add_workers_arguments(recount)
+    Workers.add_arguments(recount)
     recount.add_argument("--report", action="store_true",
                          help="write the report page of every count as well")
     recount.set_defaults(run=_recount)
@@ -50,7 +51,7 @@ def _recount(options: argparse.Namespace) -> int:
     bags = find_bags(options.archive)
     # Count.
     outcomes, there = recount(Recount(tuple(bags), options.out, config, request,
-                                      chosen_workers(options), options.report))
+                                      Workers.of(options), options.report))
     failed = sum(bool(outcome.exit_code) for outcome in outcomes)
     print(f"{len(outcomes)} bags: {len(outcomes) - failed} with a count, {failed} without; "
           f"{there} were there before\n{options.out / PAGE}")

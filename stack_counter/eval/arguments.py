@@ -10,6 +10,8 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+from stack_counter.tasks import Workers
+
 
 def _add_set_argument(parser: argparse.ArgumentParser) -> None:
     """Adds `--set`, which names the scenes of an evaluation."""
@@ -26,7 +28,7 @@ def _add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the draw")
     parser.add_argument("--piles", type=int, default=8, metavar="N",
                         help="of each part (default 8; 0: its convex pieces alone)")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every solid here")
 
 
@@ -39,7 +41,7 @@ def _add_case_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--views", type=int, default=12, metavar="N", help="of each recording")
     parser.add_argument("--confidence", type=float, default=0.9, metavar="P")
     parser.add_argument("--weights", type=Path, metavar="PATH", help="of the network")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
     parser.add_argument("--plot", type=Path, metavar="PNG",
                         help="draw gamma's error over the parts' complexity here")
@@ -73,7 +75,7 @@ def _add_labels_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--views", type=int, default=8, help="of a recording (default 8)")
     parser.add_argument("--depth", action=argparse.BooleanOptionalAction, default=True,
                         help="views with depth; without, prompted only")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the scenes' IoU here")
 
 
@@ -88,7 +90,7 @@ def _add_live_arguments(parser: argparse.ArgumentParser) -> None:
                         default="static", help="a fixed one "
                         "with its pose in /tf_static or in /tf, or an arm's that goes back and "
                         "forth between two places (default: static)")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every stamp here")
 
 
@@ -101,7 +103,7 @@ def _add_parts_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--container", action="store_true",
                         help="`part add` is told the kind and inner size of each rig's container")
     parser.add_argument("--confidence", type=float, default=0.9, metavar="P")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
     parser.add_argument("--cache", type=Path, default=Path("out/part-piles"), metavar="DIR",
                         help="where simulated piles are kept: a run resumes"
                              " (default out/part-piles)")
@@ -115,7 +117,7 @@ def _add_robustness_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenes", type=int, default=200, metavar="N", help="number of scans")
     parser.add_argument("--only", type=int, metavar="NUMBER", help="this scan alone")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scan here")
 
 
@@ -136,7 +138,7 @@ def _add_template_arguments(parser: argparse.ArgumentParser) -> None:
                         metavar="FILE", help="parts (default: the unseen ones)")
     parser.add_argument("--pieces", type=int, default=6, metavar="K")
     parser.add_argument("--views", type=int, default=12, metavar="N")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
 
 
 def _add_volume_arguments(parser: argparse.ArgumentParser) -> None:
@@ -149,7 +151,7 @@ def _add_volume_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--pose-mm", type=float, default=0.5, metavar="X", help="pose noise")
     parser.add_argument("--pose-deg", type=float, default=0.05, metavar="X", help="pose noise")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the recordings")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
 
 
