@@ -47,7 +47,7 @@ def recount(job: Recount) -> tuple[list[Outcome], int]:
     """Counts every bag without a result, and writes results.parquet, results.csv, summary.html.
 
     Returns:
-        Outcomes of the bags, those that were there as well; and how many were there.
+        Outcomes of the bags in their order, those that were there as well; and how many were.
 
     Raises:
         ConfigError: the folder is in use, no cluster answers, or a package is not installed.
@@ -64,11 +64,12 @@ def recount(job: Recount) -> tuple[list[Outcome], int]:
         try:
             _count(job, counter, missing, journal, done)
         finally:  # whatever ends the run, what it has counted can be read
+            outcomes = [done[str(bag)] for bag in job.bags if str(bag) in done]
             write_tables(job.out, journal.outcomes)
-            write_summary(job.out, list(done.values()), journal.outcomes)
+            write_summary(job.out, outcomes, journal.outcomes)
     finally:
         journal.close()
-    return list(done.values()), len(there)
+    return outcomes, len(there)
 
 
 def _sort_bags(job: Recount, counter: BagCounter, outcomes: Iterable[Outcome]
