@@ -5,14 +5,30 @@ from __future__ import annotations
 
 import importlib
 import os
+import socket
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import Any
 
 from stack_counter.errors import ConfigError
 
 LOCAL = "local"  # address that means a Ray of this run's own, on this machine
+
+
+@dataclass(frozen=True)
+class RaySettings:
+    """How a cluster is joined.
+
+    Attributes:
+        connect_s: seconds within which its head answers; chosen.
+    """
+
+    connect_s: float = 10.0
+
+
+SETTINGS = RaySettings()
 
 
 class RayCrew:
@@ -34,12 +50,13 @@ class RayCrew:
         Raises:
             ConfigError: the cluster cannot be reached, or Ray is not installed.
         """
-        ray = _require_ray()
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent to anybody
         own = {"include_dashboard": False} if address == LOCAL else {}
         try:
+            _require_server(address)
+            ray = _require_ray()
             ray.init(address=address, log_to_driver=False, logging_level="ERROR", **own)
-        except (ConnectionError, RuntimeError, ValueError) as error:
+        except (OSError, RuntimeError, ValueError) as error:
             raise ConfigError(f"no Ray cluster at '{address}': {' '.join(str(error).split())}; "
                               "expected the address of one, HOST:6379, or 'local'") from error
         stack.callback(ray.shutdown)
@@ -103,6 +120,13 @@ class RayWorker:
     def dismiss(self) -> None:
         """Frees the actor's CPU."""
         _require_ray().kill(self._actor)
+
+
+def _require_server(address: str) -> None:
+    """Raises OSError where nobody answers at HOST:PORT, which Ray finds out after minutes."""
+    host, _, port = address.rpartition(":")
+    if port.isdecimal() and "/" not in host:
+        socket.create_connection((host, int(port)), SETTINGS.connect_s).close()
 
 
 def _last_line(error: Exception) -> str:

@@ -56,6 +56,12 @@ def test_without_ray_one_line_says_what_to_install(monkeypatch):
         next(run_tasks(abs, [1], Workers(ray="local")))
 
 
+def test_where_no_cluster_answers_one_line_says_so():
+    with pytest.raises(ConfigError, match="no Ray cluster at '127.0.0.1:1': .*refused; expected "
+                                          "the address of one, HOST:6379, or 'local'$"):
+        next(run_tasks(abs, [1], Workers(ray="127.0.0.1:1")))
+
+
 @pytest.mark.parametrize("workers", [Workers(1), Workers(2)])
 def test_mapped_tasks_keep_their_order(workers):
     assert list(map_tasks(abs, range(-5, 0), workers)) == [5, 4, 3, 2, 1]
