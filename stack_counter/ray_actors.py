@@ -56,7 +56,9 @@ class RayCrew:
             _require_server(address)
             ray = _require_ray()
             ray.init(address=address, log_to_driver=False, logging_level="ERROR", **own)
-        except (OSError, RuntimeError, ValueError) as error:
+        except ConfigError:
+            raise
+        except Exception as error:  # Ray's are of many classes, and some of none
             raise ConfigError(f"no Ray cluster at '{address}': {' '.join(str(error).split())}; "
                               "expected the address of one, HOST:6379, or 'local'") from error
         stack.callback(ray.shutdown)

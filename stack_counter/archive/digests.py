@@ -10,6 +10,7 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from stack_counter.bag.bag_paths import find_recordings
@@ -63,6 +64,15 @@ def settings_digest(config: Config) -> str:
     return _digest([json.dumps(values, sort_keys=True), _path_digest(shipped_weights(""))])
 
 
+def with_absolute_paths(config: Config) -> Config:
+    """The settings as they mean the same wherever they are read: paths that are there, absolute."""
+    return replace(config, **{
+        node: replace(section, **{
+            name: str(Path(value).expanduser().absolute()) for name, value in vars(section).items()
+            if name in (*_PATHS, "part_catalogue") and _is_path(value)})
+        for node, section in vars(config).items()})
+
+
 def part_digest(part: Part) -> str:
     """Digest of all that is known of a part, but its name and the note.
 
@@ -82,12 +92,15 @@ def result_key(bag: str, version: str, settings: str, part: str) -> str:
 
 def _content(path: str | Path) -> str:
     """Digest of what a path holds; where there is no such path, the text itself."""
+    return _path_digest(Path(path).expanduser()) if _is_path(path) else str(path)
+
+
+def _is_path(text: str | Path) -> bool:
+    """Whether there is such a file or folder."""
     try:
-        if path and Path(path).expanduser().exists():
-            return _path_digest(Path(path).expanduser())
+        return bool(text) and Path(text).expanduser().exists()
     except OSError:  # a text too long for a name
-        pass
-    return str(path)
+        return False
 
 
 def _path_digest(path: Path) -> str:

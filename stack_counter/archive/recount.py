@@ -10,7 +10,7 @@ from pathlib import Path
 
 from stack_counter import __version__
 from stack_counter.archive.bag_counter import BagCounter, BagTask, failed_outcome, utc_now
-from stack_counter.archive.digests import bag_state, settings_digest
+from stack_counter.archive.digests import bag_state, settings_digest, with_absolute_paths
 from stack_counter.archive.journal import Journal
 from stack_counter.archive.outcome import Outcome
 from stack_counter.archive.summary import write_summary
@@ -57,7 +57,7 @@ def recount(job: Recount) -> tuple[list[Outcome], int]:
     require_pyarrow()
     journal = Journal(job.out)
     try:
-        counter = BagCounter(job.config, job.request, settings_digest(job.config), __version__,
+        counter = BagCounter(with_absolute_paths(job.config), job.request, settings_digest(job.config), __version__,
                              frozenset(), job.out.absolute(), job.reports)
         there, missing = _sort_bags(job, counter, journal.outcomes)
         done = dict(there)

@@ -13,6 +13,7 @@ from stack_counter.archive.digests import (
     part_digest,
     result_key,
     settings_digest,
+    with_absolute_paths,
 )
 from stack_counter.config import CollectorConfig, Config, CounterConfig, ReconstructorConfig
 from stack_counter.parts.catalogue import Part
@@ -67,9 +68,21 @@ def test_of_a_file_that_settings_name_the_content_matters(tmp_path):
     assert digest(b) != same
 
 
+def test_paths_that_settings_name_become_absolute(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "a", b"1")
+    config = Config(counter=CounterConfig(weights="a", part_catalogue="a", part="a"),
+                    reconstructor=ReconstructorConfig(prompts="{parts: a}"))
+    made = with_absolute_paths(config)
+    assert made.counter.weights == made.counter.part_catalogue == str(tmp_path / "a")
+    assert (made.counter.part, made.reconstructor) == ("a", config.reconstructor)
+    assert settings_digest(made) == settings_digest(config)
+
+
 def test_prompts_as_text_are_no_path():
     prompts = "{parts: {points: [[" + "3, " * 400 + "2]]}}"  # longer than a path may be
-    settings_digest(Config(reconstructor=ReconstructorConfig(prompts=prompts)))
+    config = Config(reconstructor=ReconstructorConfig(prompts=prompts))
+    assert settings_digest(config) and with_absolute_paths(config) == config
 
 
 def test_what_is_known_of_a_part_matters_and_not_its_name(tmp_path):
