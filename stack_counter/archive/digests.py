@@ -65,7 +65,7 @@ def settings_digest(config: Config) -> str:
 
 
 def with_absolute_paths(config: Config) -> Config:
-    """The settings as they mean the same wherever they are read: paths that are there, absolute."""
+    """The settings with absolute paths, which mean the same wherever they are read."""
     return replace(config, **{
         node: replace(section, **{
             name: str(Path(value).expanduser().absolute()) for name, value in vars(section).items()

@@ -57,8 +57,10 @@ def recount(job: Recount) -> tuple[list[Outcome], int]:
     require_pyarrow()
     journal = Journal(job.out)
     try:
-        counter = BagCounter(with_absolute_paths(job.config), job.request, settings_digest(job.config), __version__,
-                             frozenset(), job.out.absolute(), job.reports)
+        counter = BagCounter(
+            config=with_absolute_paths(job.config), request=job.request,
+            settings=settings_digest(job.config), version=__version__, known=frozenset(),
+            out=job.out.absolute(), reports=job.reports)
         there, missing = _sort_bags(job, counter, journal.outcomes)
         done = dict(there)
         try:
