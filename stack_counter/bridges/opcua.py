@@ -7,12 +7,13 @@ import asyncio
 import hmac
 import logging
 from collections.abc import Mapping
-from datetime import datetime, timezone
+from datetime import timezone
 from pathlib import Path
 from typing import Any
 
 from asyncua import Node, Server, ua
 from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.server.user_managers import UserManager
 
 from stack_counter.bridges.settings import OpcuaConfig, password_of
 from stack_counter.display.result_schema import FLAT_FIELDS, Schema
@@ -72,7 +73,7 @@ class OpcuaSink:
                 news = await self._news.get()
                 if isinstance(news, bool):
                     await server.write_attribute_value(available.nodeid, ua.DataValue(
-                        ua.Variant(news), SourceTimestamp=datetime.now(timezone.utc)))
+                        ua.Variant(news), SourceTimestamp=ua.DateTime.now(timezone.utc)))
                 else:
                     await self._show(server, news)
         finally:
@@ -134,19 +135,19 @@ class OpcuaSink:
 
     async def _show(self, server: Server, result: Mapping[str, Any]) -> None:
         """Writes all values of a result, each with the stamp of its last view."""
-        stamp = datetime.fromisoformat(result["stamp"].replace("Z", "+00:00"))
+        stamp = ua.DateTime.fromisoformat(result["stamp"].replace("Z", "+00:00"))
         for name, node in (await self._add_fields(result["region"])).items():
             await server.write_attribute_value(node.nodeid, _data_value(
                 result.get(name), _variant_type(FLAT_FIELDS[name]), stamp))
 
     def _id(self, *path: str) -> ua.NodeId:
-        return ua.NodeId(".".join(path), self._index)
+        return ua.NodeId(ua.String(".".join(path)), ua.Int16(self._index))
 
     def _name(self, name: str) -> ua.QualifiedName:
         return ua.QualifiedName(name, self._index)
 
 
-class _OneUser:
+class _OneUser(UserManager):
     """Lets one user in, or anybody if none is named; nobody may write."""
 
     def __init__(self, name: str, password: str | None):
@@ -167,7 +168,7 @@ def _variant_type(schema: Schema) -> ua.VariantType:
                   else schema.get("type", "string")]
 
 
-def _data_value(value: Any, kind: ua.VariantType, stamp: datetime | None) -> ua.DataValue:
+def _data_value(value: Any, kind: ua.VariantType, stamp: ua.DateTime | None) -> ua.DataValue:
     """Returns a value with its source timestamp; for None, the status BadNoData."""
     if value is None:
         return ua.DataValue(ua.Variant(), StatusCode=_NO_DATA, SourceTimestamp=stamp)
