@@ -87,6 +87,12 @@ EXTRAS = {
     "opcua": ["asyncua>=2.1"],
     # STEP files of parts (no key).
     "cad": ["cascadio>=0.1.1"],
+    # The documentation site (no keys), for `make docs`.
+    "docs": [
+        "furo>=2025.12.19",
+        "myst-parser>=5.2; python_version >= '3.11'",
+        "sphinx>=9.0.4; python_version >= '3.11'",
+    ],
     "test": [
         "amqtt>=0.12.1",  # (no key) an MQTT broker
         "jsonschema>=4.26",

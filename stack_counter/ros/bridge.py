@@ -53,7 +53,7 @@ class Bridge:
             context: ROS context; None: the default one.
         """
         self._sinks = sinks
-        self._passed: deque[tuple[str, str, str]] = deque(maxlen=SETTINGS.remembered)
+        self._passed: deque[dict[str, Any]] = deque(maxlen=SETTINGS.remembered)
         self._available: bool | None = None  # None: nothing was said so far
         self.node = Node("bridge", namespace=NAMESPACE, context=context)
         self.node.create_subscription(String, RESULT_JSON, self._on_result, LATCHED_ALL)
@@ -66,9 +66,10 @@ class Bridge:
         except ValueError as error:
             self.node.get_logger().error(f"{RESULT_JSON}: {error}; expected a flat result")
             return
-        key = (result["scan_id"], result["region"], result["stamp"])
-        if key not in self._passed:
-            self._passed.append(key)
+        # All but the seconds that it took.
+        lasting = {key: value for key, value in result.items() if not key.startswith("seconds.")}
+        if lasting not in self._passed:
+            self._passed.append(lasting)
             self._sinks.put(result)
 
     def _watch(self) -> None:
@@ -90,8 +91,8 @@ def _read_result(text: str) -> dict[str, Any]:
     """Returns a flat result. Raises ValueError: the text is none."""
     result = json.loads(text)
     if not isinstance(result, dict) or not all(
-            isinstance(result.get(key), str) for key in ("scan_id", "region", "stamp")):
-        raise ValueError(f"no scan_id, region and stamp in {text[:80]!r}")
+            isinstance(result.get(key), str) for key in ("region", "stamp")):
+        raise ValueError(f"no region and stamp in {text[:80]!r}")
     return result
 
 

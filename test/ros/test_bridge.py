@@ -57,10 +57,11 @@ def test_each_result_is_handed_on_once_and_who_is_there_is_said(ros):
     lost = ros.node.create_publisher(String, TOPIC, LATCHED_ALL)
     ros.wait_for_subscribers(lost)
     ros.wait_for_subscribers(lost)
-    for text in ("no JSON", "[1]", json.dumps(flat(601)), json.dumps(flat(None, scan_id="8"))):
+    again, failed = {**flat(600), "seconds.gamma": 0.1}, flat(None, scan_id="scan 8")
+    for text in ("no JSON", "[1]", json.dumps(again), json.dumps(failed)):
         lost.publish(String(data=text))
     ros.wait(lambda: len(kept.results) == 2, "the result of a lost scan")
-    assert kept.results[1] == flat(None, scan_id="8")
+    assert kept.results[1] == failed
     counter.destroy_node()  # the supervisor's publisher does not stand in for it
     ros.wait(lambda: kept.available == [False, True, False], "word that it has gone")
     bridge.node.destroy_node()
