@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 import rclpy
@@ -90,9 +92,12 @@ class Bridge:
 def _read_result(text: str) -> dict[str, Any]:
     """Returns a flat result. Raises ValueError: the text is none."""
     result = json.loads(text)
-    if not isinstance(result, dict) or not all(
-            isinstance(result.get(key), str) for key in ("region", "stamp")):
-        raise ValueError(f"no region and stamp in {text[:80]!r}")
+    region, stamp = (result.get(key) if isinstance(result, dict) else None
+                     for key in ("region", "stamp"))
+    # A region becomes a level of a topic, and a part of a node's name.
+    if not (isinstance(region, str) and re.fullmatch(r"\w*", region) and isinstance(stamp, str)):
+        raise ValueError(f"region is {region!r} and stamp {stamp!r}")
+    datetime.fromisoformat(stamp.replace("Z", "+00:00"))  # raises what it says
     return result
 
 
