@@ -18,6 +18,7 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 html_theme = "furo"
 html_title = f"{project} {release}"
 html_copy_source = False
+highlight_language = "text"  # of blocks that name none: command lines and what they print
 myst_heading_anchors = 4  # links to headings, as a repository makes them
 # Docstrings: single backticks are code, and attributes stand in the class's own.
 default_role = "literal"
