@@ -53,7 +53,7 @@ class CounterNode(ManagedNode[CounterConfig]):
         self._check_part(config)
         self._estimator = make_estimator(config)
         self._last: dict[str, StackCount] = {}  # of the last scan, by region
-        self._counts = CountPublishers(self)
+        self._counts = CountPublishers(self, config.result_json)
         self._marker = self.advertise(MarkerArray, "count_marker", LATCHED_NEWEST)
         # Of the last stack of each region: an error is written there as well.
         self._text_places: dict[str, TextPlace] = {}
@@ -94,7 +94,7 @@ class CounterNode(ManagedNode[CounterConfig]):
         # Publish the count, and show it above the stack.
         self._last = {region: last for region, last in self._last.items()
                       if last.scan_id == count.scan_id} | {count.region: count}
-        self._counts.publish(count)
+        self._counts.publish(count, message)
         self._log_count(count)
         self._action.on_count(count)
         self._publish_markers(text_place(message), count.region)

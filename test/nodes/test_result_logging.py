@@ -11,11 +11,12 @@ from std_msgs.msg import Header
 
 from stack_counter.config import CounterConfig
 from stack_counter.display.report import as_dict
-from stack_counter.display.result_schema import log_columns
+from stack_counter.display.result_schema import flat_line
 from stack_counter.errors import ConfigError
-from stack_counter.nodes.result_logging import ResultLogging, result_line
+from stack_counter.nodes.result_logging import ResultLogging
 from stack_counter.ros.conversions import failed_count, from_stack_count, from_stack_volume
 from stack_counter.ros.diagnostics import WARN
+from stack_counter.ros.result_line import result_line, to_flat_json
 
 HEADER = Header(stamp=Time(sec=1_700_000_000, nanosec=123_456_789), frame_id="cell")
 
@@ -65,6 +66,19 @@ def test_a_failed_count_is_a_line_with_its_reason(tmp_path):
     assert line["error"].startswith("2 views used") and line["views"]["skipped"] == {"no_tf": 2}
 
 
+def test_the_flat_json_has_every_value_of_the_line_by_one_name():
+    count, volume = counted()
+    flat = read_result(to_flat_json(count, volume).data, "flat")
+    assert flat == flat_line(result_line(count, volume))
+    assert (flat["count"], flat["count_interval.1"], flat["views.used"]) == (600, 650, 6)
+    assert (flat["reasons"], flat["views.skipped"]) == ('["one_side"]', '{"no_tf": 2}')
+    failed = read_result(to_flat_json(failed_count("2 views used", volume), volume).data, "flat")
+    assert failed["status"] == "error" and failed["error"] == "2 views used"
+    assert failed["count"] is None and failed["count_interval.0"] is None
+    assert failed.keys() == flat.keys()
+    assert not any(isinstance(value, (dict, list)) for value in flat.values())
+
+
 def test_every_key_of_a_line_has_a_column():
     count, volume = counted()
 
@@ -73,7 +87,7 @@ def test_every_key_of_a_line_has_a_column():
             else len(value) if isinstance(value, list) and len(value) in (2, 3, 4) else 1
 
     line = result_line(count, volume)
-    assert len(log_columns({})) == leaves(line) + 1  # and that of the error
+    assert len(flat_line({})) == leaves(line) + 1  # and that of the error
 
 
 def test_running_counts_and_no_log_write_nothing(tmp_path):
