@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 from stack_counter import parameter_files
 from stack_counter.errors import ConfigError
 from stack_counter.named_region import REGIONS, NamedRegion, read_regions, write_regions
+from stack_counter.setting_checks import check_setting
 
 
 def _setting(default: Any, doc: str, low: float | None = None, high: float | None = None,
@@ -139,6 +140,9 @@ class ReconstructorConfig:
                                           "stand, when there is no depth", 0.0, 1.0)
     scale_std: float = _setting(0.0, "relative standard deviation of all lengths in the poses, as "
                                      "of pictures scaled by a reference; adds to V's", 0.0, 0.3)
+    filling_level_cells: int = _setting(8, "cells of the filling level's grid along the "
+                                           "container's longer side; they are as square as can be",
+                                        1, 10)
     report_folder: str = _setting("", "folder into which the service write_report writes; empty: "
                                       "it does not")
 
@@ -229,38 +233,8 @@ def build_section(section: type[Section], values: dict[str, Any]) -> Section:
             raise ConfigError(f"unknown setting '{name}'; expected "
                               + (f"'{near}'" if near else f"one of {sorted(fields)}"))
         checked[name] = read_regions(value) if name == REGIONS \
-            else _check_value(fields[name], value)
+            else check_setting(fields[name], value)
     return section(**checked)
-
-
-def _check_value(setting: dataclasses.Field, value: Any) -> Any:
-    default, meta = setting.default, setting.metadata
-    if isinstance(default, tuple):
-        if not isinstance(value, (list, tuple)) or any(
-                isinstance(x, bool) or not isinstance(x, (int, float)) for x in value):
-            raise ConfigError(f"{setting.name} is {value!r}; expected a list of numbers")
-        if len(value) != len(default):
-            raise ConfigError(f"{setting.name} has {len(value)} numbers; expected {len(default)}")
-        value = tuple(float(x) for x in value)
-        numbers = value
-    elif isinstance(default, float) and isinstance(value, (int, float)) \
-            and not isinstance(value, bool):
-        value = float(value)
-        if math.isnan(value) and math.isnan(default):  # not set; the same object compares equal
-            return default
-        numbers = (value,)
-    elif type(value) is not type(default):
-        raise ConfigError(f"{setting.name} is {value!r}; expected {type(default).__name__}")
-    else:
-        numbers = (value,) if isinstance(value, int) and not isinstance(value, bool) else ()
-    low, high = meta["low"], meta["high"]
-    for number in numbers:
-        if not math.isfinite(number) or (low is not None and number < low) \
-                or (high is not None and number > high):
-            raise ConfigError(f"{setting.name} is {value}; expected {low} to {high}")
-    if meta["choices"] and value not in meta["choices"]:
-        raise ConfigError(f"{setting.name} is '{value}'; expected one of {meta['choices']}")
-    return value
 
 
 def load_config(path: Path) -> Config:

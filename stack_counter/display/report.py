@@ -12,6 +12,7 @@ import cv2
 
 from stack_counter import geometry
 from stack_counter.display.drawings import draw_container, draw_heights, draw_labels, write_ply
+from stack_counter.display.filling_level import filling_level_as_dict
 from stack_counter.display.page.subject import ReportSubject
 from stack_counter.display.result_schema import SCHEMA_VERSION, STAGES
 from stack_counter.types import Container, Reason, StackCount
@@ -46,8 +47,12 @@ def as_dict(count: StackCount, counts: list[dict[str, Any]]) -> dict[str, Any]:
                   "skipped": volume.views.skipped},
         "view_agreement_mm": 1000 * volume.view_agreement_m,
         "coverage": volume.coverage, "fill_level": list(volume.fill_level),
+        "overfilled": volume.overfilled, **filling_level_as_dict(volume.filling_level),
         "estimator": count.estimator, "gamma_shares": count.gamma_shares,
         "counted_scans": count.counted_scans,
+        "count_sources": [{"source": s.source, "count": s.count, "share": s.share,
+                           "count_interval": list(s.count_interval)} for s in count.sources],
+        "net_weight_kg": count.net_weight_kg,
         "status": count.status, "reasons": list(count.reasons),
         "counts": counts,
         "seconds": {stage: count.seconds.get(stage, 0.0) for stage in STAGES},

@@ -21,7 +21,6 @@ from stack_counter.ros.conversions import (
     from_seconds,
     from_stack_volume,
     from_tally,
-    set_verdict,
     to_stack_count,
 )
 from stack_counter.ros.diagnostics import ERROR, OK, WARN, data_age_s
@@ -29,6 +28,7 @@ from stack_counter.ros.lifecycle import ManagedNode, run
 from stack_counter.ros.markers import ORIGIN_PLACE, TextPlace, count_marker, text_place
 from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.qos import LATCHED_ALL, LATCHED_NEWEST
+from stack_counter.ros.verdicts import set_verdict
 from stack_counter.stack_count import count_stack
 from stack_counter.views.decoding import stamp_ns
 
