@@ -74,6 +74,8 @@ def as_text(count: StackCount, true_count: int | None) -> str:
         error = f" (error {(count.count - true_count) / true_count:+.1%})" if true_count else ""
         lines.append(f"true count {true_count}{error}")
     # What it was computed from.
+    if len(count.sources) > 1:
+        lines.append(f"sources    {sources_text(count)}")
     lines += [
         f"V          {volume.stack_volume * 1e6:.1f} cm3 +- {volume.stack_volume_std * 1e6:.1f}",
         f"gamma      {count.gamma:.3f} +- {count.gamma_std:.3f}, said by {count.estimator}"
@@ -88,6 +90,12 @@ def as_text(count: StackCount, true_count: int | None) -> str:
     # What qualifies it.
     slugs = f" ({', '.join(count.reasons)})" if count.reasons else ""
     return "\n".join([*lines, f"status     {count.status}{slugs}", *reason_lines(count.reasons)])
+
+
+def sources_text(count: StackCount) -> str:
+    """Returns what each source alone counts, and how much it weighs."""
+    return ", ".join(f"by {s.source} {s.count} ({s.count_interval[0]} to {s.count_interval[1]}, "
+                     f"weighs {s.share:.1%})" for s in count.sources)
 
 
 def reason_lines(reasons: Sequence[Reason]) -> list[str]:

@@ -138,8 +138,8 @@ class StackCount:
         reasons: what qualifies the count.
         seconds: time spent by stage, s.
         distribution: (n,) float64 counts, rising, each as likely as the others: the estimator's
-            scores times the relative standard deviation, by vision alone; None in a count that
-            came by message.
+            scores times the relative standard deviation, or joined with a weight; None in a count
+            that came by message.
         sources: what each source alone says, vision first.
         net_weight_kg: weight of the parts, kg; None where no weight was used.
     """
