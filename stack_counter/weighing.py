@@ -155,8 +155,8 @@ def join_weight(count: StackCount, net_kg: float, weighed: WeighedCount) -> Stac
         weighed: the count by it.
 
     Returns:
-        The joined count; with the reason `foreign_parts_or_wrong_bin` and as it is where the two
-        differ by more than `max_z` standard deviations.
+        The joined count; where the two differ by more than `max_z` standard deviations the count
+        by vision, with the reason `foreign_parts_or_wrong_bin` and an interval over both.
     """
     z_of_end = NormalDist().inv_cdf((1 + count.confidence) / 2)
     end = z_of_end * weighed.std
@@ -174,8 +174,10 @@ def join_weight(count: StackCount, net_kg: float, weighed: WeighedCount) -> Stac
     sources = (replace(count.sources[0], share=1 - share),
                SourceCount("weight", by_weight, weight_interval, share))
     said = replace(count, sources=sources, net_weight_kg=net_kg)
-    if not agree:
-        return with_reasons(said, Reason.FOREIGN_PARTS_OR_WRONG_BIN)
+    if not agree:  # nobody knows which of them is right
+        both = tuple(zip(count.count_interval, weight_interval))
+        return with_reasons(replace(said, count_interval=(min(both[0]), max(both[1]))),
+                            Reason.FOREIGN_PARTS_OR_WRONG_BIN)
     # Join them by their variances.
     middle, std = vision.middle + share * difference, vision_std * math.sqrt(1 - share)
     expected = math.exp(middle)

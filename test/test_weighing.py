@@ -104,7 +104,12 @@ def test_a_wrong_weight_is_said_and_not_believed(net_kg):
     said = vision(100, 0.1)
     joined = use_weight(said, Weighing(net_kg, 0.005), PIECE)
     assert joined.reasons == (Reason.FOREIGN_PARTS_OR_WRONG_BIN,) and joined.status == "degraded"
-    assert (joined.count, joined.count_interval) == (said.count, said.count_interval)
+    assert joined.count == said.count
+    by_vision, by_weight = (source.count_interval for source in joined.sources)
+    assert by_vision == said.count_interval
+    assert joined.count_interval == (min(by_vision[0], by_weight[0]),
+                                     max(by_vision[1], by_weight[1]))
+    assert verdict(joined.count_interval, 100, 30) != "pass", "whatever one of them alone says"
     assert [source.share for source in joined.sources] == [1.0, 0.0]
     assert joined.sources[1].count == max(round(net_kg / 0.01), 0)
 
@@ -119,6 +124,7 @@ def test_of_an_empty_container_few_parts_are_believed_to_the_scale(net_kg, count
 
 def test_many_parts_in_a_container_that_shows_none_are_foreign():
     joined = use_weight(vision(0), Weighing(0.3, 0.0005), PIECE)
+    assert joined.count_interval[1] >= 30
     assert Reason.FOREIGN_PARTS_OR_WRONG_BIN in joined.reasons and joined.count == 0
 
 

@@ -121,7 +121,8 @@ class Reason(str, Enum):
     FOREIGN_PARTS_OR_WRONG_BIN = (
         "foreign_parts_or_wrong_bin", "The weight on the scale and what the views show differ by "
         "more than three standard deviations, as with foreign parts, another container or a wrong "
-        "tare, so the count is by vision alone; check the content, the part and tare_kg.", True)
+        "tare; the count is by vision alone, the interval reaches over both: check the content, "
+        "the part and tare_kg.", True)
     NO_WEIGHT = (
         "no_weight", "The scale gave no stable weight in time, so the count is by vision alone; "
         "check weight_topic, what touches the container, and weight_max_age_s.", True)
