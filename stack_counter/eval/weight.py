@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,7 @@ class WeightDrawSettings:
         draws: weighings of each scan.
         seed: of the draws; recordings have seed 0.
         confidence: of the intervals.
+        factors: between the weights of a wrong and the right bin, by which they are grouped.
     """
 
     density: float = 7850.0
@@ -47,6 +48,7 @@ class WeightDrawSettings:
     draws: int = 20
     seed: int = 0
     confidence: float = 0.9
+    factors: tuple[float, ...] = (1.0, 1.5, 2.0, 3.0)
 
 
 SETTINGS = WeightDrawSettings()
@@ -64,7 +66,8 @@ class WeighedScan:
         intervals: low and high by source.
         flagged: whether the right bin was called a wrong one.
         material_flagged: the same of a bin with the same parts in another material.
-        bin_flagged: the same where the scale has the bin of another scan on it.
+        bin_flagged: the same where the scale has the bin of another scan on it, drawn at random.
+        bin_factor: weight of that bin over that of the right one, or the inverse if that is larger.
     """
 
     index: int
@@ -75,6 +78,7 @@ class WeighedScan:
     flagged: bool
     material_flagged: bool
     bin_flagged: bool
+    bin_factor: float
 
 
 def run(options: argparse.Namespace) -> int:
@@ -96,7 +100,7 @@ def run(options: argparse.Namespace) -> int:
 def count_by_vision(scene: Scene) -> StackCount | None:
     """Counts a recorded scene, v known alone; None where the scan is refused."""
     try:
-        volume = reconstruct(scene)
+        volume = replace(reconstruct(scene), mesh=None)  # large, and on its way between processes
         return count_stack(volume, Part(scene.truth.unit_volume), make_estimator(CounterConfig()),
                            SETTINGS.confidence)
     except StackCounterError as error:
@@ -114,8 +118,8 @@ def draw_weighings(counted: Sequence[tuple[Scene, StackCount]], scale_std_kg: fl
         scatter: standard deviation from piece to piece, relative.
     """
     scans = []
+    masses = [scene.truth.unit_volume * scene.truth.count for scene, _ in counted]
     for number, (scene, vision) in enumerate(counted):
-        other = counted[(number + len(counted) // 2) % len(counted)][0]
         for draw in range(SETTINGS.draws):
             random = np.random.default_rng((SETTINGS.seed, scene.index, draw))
             lot = SETTINGS.density * scene.truth.unit_volume * (
@@ -124,36 +128,41 @@ def draw_weighings(counted: Sequence[tuple[Scene, StackCount]], scale_std_kg: fl
             piece = PieceWeight(float(weighed.mean()), scatter * lot, SETTINGS.pieces)
             net = random.normal(lot, scatter * lot, scene.truth.count).sum()
             error = scale_std_kg * random.normal()
+            other = (number + random.integers(1, len(counted))) % len(counted)
             right, material, wrong_bin = (
                 use_weight(vision, Weighing(float(kg + error), scale_std_kg), piece) for kg in (
                     net, net * SETTINGS.other_density / SETTINGS.density,
-                    SETTINGS.density * other.truth.unit_volume * other.truth.count))
-            scans.append(_weighed_scan(scene, draw, right, material, wrong_bin))
+                    SETTINGS.density * masses[other]))
+            ratio = masses[other] / masses[number]
+            scans.append(_weighed_scan(scene, draw, max(ratio, 1 / ratio), right, material,
+                                       wrong_bin))
     return scans
 
 
-def _weighed_scan(scene: Scene, draw: int, right: StackCount, *wrong: StackCount) -> WeighedScan:
+def _weighed_scan(scene: Scene, draw: int, bin_factor: float, right: StackCount,
+                  *wrong: StackCount) -> WeighedScan:
     vision, weight = right.sources
     flags = (Reason.FOREIGN_PARTS_OR_WRONG_BIN in count.reasons for count in (right, *wrong))
     said = dict(zip(SOURCES, (vision, weight, right)))
     return WeighedScan(scene.index, draw, scene.truth.count,
                        {name: count.count for name, count in said.items()},
-                       {name: count.count_interval for name, count in said.items()}, *flags)
+                       {name: count.count_interval for name, count in said.items()}, *flags,
+                       bin_factor)
 
 
 def format_table(scans: list[WeighedScan]) -> str:
-    """Errors of each source in the first weighing of each scan and in all, and what is flagged."""
+    """Errors of each source in the first weighing of each scan and in all; what is flagged."""
     first = [scan for scan in scans if scan.draw == 0]
     lines = [f"{'':24}{'n':>6}{'NAE':>9}{'bias':>9}{'coverage':>10}{'half width':>12}"]
     for title, group in (("", first), (", all draws", scans)):
         lines += [_format_line(f"{source}{title}", group, source) for source in SOURCES]
-    for title, flag in (("right bins", "flagged"), ("parts of another material",
-                                                    "material_flagged"),
-                        ("another scan's bin", "bin_flagged")):
-        share = np.mean([getattr(scan, flag) for scan in scans])
-        lines.append(f"{title}: {sum(getattr(scan, flag) for scan in first)} of {len(first)} "
-                     f"flagged, {share:.1%} of all draws")
-    return "\n".join(lines)
+    flags = {"right bins": [scan.flagged for scan in scans],
+             "parts of another material": [scan.material_flagged for scan in scans]}
+    for low, high in zip(SETTINGS.factors, (*SETTINGS.factors[1:], np.inf)):
+        flags[f"another bin, {low:g} to {high:g} times as heavy or light"] = [
+            scan.bin_flagged for scan in scans if low <= scan.bin_factor < high]
+    return "\n".join([*lines, *(f"{title}: {sum(flagged)} of {len(flagged)} flagged"
+                                for title, flagged in flags.items())])
 
 
 def _format_line(title: str, scans: list[WeighedScan], source: str) -> str:
