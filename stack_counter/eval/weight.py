@@ -67,7 +67,7 @@ class WeighedScan:
         flagged: whether the right bin was called a wrong one.
         material_flagged: the same of a bin with the same parts in another material.
         bin_flagged: the same where the scale has the bin of another scan on it, drawn at random.
-        bin_factor: weight of that bin over that of the right one, or the inverse if that is larger.
+        bin_factor: how many times as heavy or light that bin is, 1 or more.
     """
 
     index: int
