@@ -37,7 +37,7 @@ class WeighingSettings:
     max_z: float = 3.0
     vision_share: float = 0.9
     least_vision_std: float = 1.0
-    none: float = 0.5
+    none: float = 0.4
     piece_std_share: float = 0.01
     lot_std_share: float = 0.002
 
@@ -169,8 +169,9 @@ def join_weight(count: StackCount, net_kg: float, weighed: WeighedCount) -> Stac
     vision_std = vision.std_towards(weight_log)
     weight_std = weighed.std / max(weighed.expected, 1.0)
     difference = weight_log - vision.middle
-    agree = abs(difference) <= SETTINGS.max_z * math.hypot(vision_std, weight_std)
-    share = vision_std**2 / (vision_std**2 + weight_std**2) if agree else 0.0
+    difference_std = math.hypot(vision_std, weight_std)
+    agree = abs(difference) <= SETTINGS.max_z * difference_std
+    share = (vision_std / difference_std) ** 2 if agree else 0.0
     sources = (replace(count.sources[0], share=1 - share),
                SourceCount("weight", by_weight, weight_interval, share))
     said = replace(count, sources=sources, net_weight_kg=net_kg)
@@ -179,7 +180,7 @@ def join_weight(count: StackCount, net_kg: float, weighed: WeighedCount) -> Stac
         return with_reasons(replace(said, count_interval=(min(both[0]), max(both[1]))),
                             Reason.FOREIGN_PARTS_OR_WRONG_BIN)
     # Join them by their variances.
-    middle, std = vision.middle + share * difference, vision_std * math.sqrt(1 - share)
+    middle, std = vision.middle + share * difference, vision_std * weight_std / difference_std
     expected = math.exp(middle)
     joined = round(expected)
     low, high = (expected * math.exp(sign * z_of_end * std) for sign in (-1, 1))

@@ -122,6 +122,13 @@ def test_of_an_empty_container_few_parts_are_believed_to_the_scale(net_kg, count
     assert joined.count_interval[0] <= count <= joined.count_interval[1]
 
 
+def test_a_perfect_scale_is_believed_without_a_word():
+    joined = use_weight(vision(0), Weighing(0.0, 1e-6), PieceWeight(100.0, 0.0))
+    assert joined.count == 0 and joined.status == "ok"
+    exact = join_weight(vision(100), 1.1, WeighedCount(110.0, 1e-12))
+    assert exact.count == 110 and exact.count_interval == (110, 110)
+
+
 def test_many_parts_in_a_container_that_shows_none_are_foreign():
     joined = use_weight(vision(0), Weighing(0.3, 0.0005), PIECE)
     assert joined.count_interval[1] >= 30

@@ -50,7 +50,8 @@ def measure_filling_level(stack: MeasuredStack, cells: int) -> FillingLevel | No
     room = np.where(opening, rim - stack.inner.heights, 0.0)  # from the inner surface to the rim
     seen = stack.seen & ~stack.below
     # Divide the map into cells; keep the places that say their level.
-    count = np.maximum(np.round(cells * np.array(opening.shape) / max(opening.shape)), 1)
+    shape = np.array(opening.shape)
+    count = np.clip(np.round(cells * shape / shape.max()), 1, shape)
     rows, cols = (np.linspace(0, size, int(n) + 1).round().astype(int)
                   for size, n in zip(opening.shape, count))
     used, grid = np.zeros_like(opening), []
