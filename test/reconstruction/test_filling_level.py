@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from stack_counter.container.construction import make_container
-from stack_counter.container.wall_shapes import BoxWall
+from stack_counter.container.wall_shapes import BoxWall, RoundWall
 from stack_counter.fusion.region import Region
 from stack_counter.fusion.surface import FusedSurface
 from stack_counter.fusion.volume_model import volume_model
@@ -74,6 +74,39 @@ def test_leaning_walls_neither_fill_an_empty_bin_nor_leave_room_in_a_full_one(dr
         means = [cell.level_in_percent.mean for cell in level.cells]
         assert means == pytest.approx([percent] * len(means), abs=6)
         assert level.overall.level_in_percent.mean == pytest.approx(percent, abs=2)
+
+
+def round_level(mesh, bulge):
+    wall = RoundWall(np.array([0, 0, 0.1 + WALL, 0.0, bulge]))
+    container = make_container(wall, WALL, FLOOR + 0.1, FLOOR, PLANE)
+    return measure_filling_level(
+        measure_stack(FusedSurface(mesh), container, REGION, PITCH, True), 10)
+
+
+@pytest.mark.parametrize("height, percent", [(0.0, 0), (0.1, 100)])
+def test_a_bowl_is_full_when_it_is_full_to_the_rim(height, percent):
+    level = round_level(slope(height, height), bulge=0.9)
+    means = np.array([cell.level_in_percent.mean for cell in level.cells])
+    assert np.nanmax(np.abs(means - percent)) < 10
+    assert level.overall.level_in_percent.mean == pytest.approx(percent, abs=3)
+    assert level.overall.level_free_in_meters.max < (0.11 if not percent else 0.005)
+
+
+def test_cells_beside_a_round_opening_have_no_level():
+    level = round_level(slope(0.05, 0.05), bulge=0.0)
+    assert level.cell_count == (10, 10)
+    means = np.reshape([cell.level_in_percent.mean for cell in level.cells], (10, 10))
+    corners = means[[0, 0, -1, -1], [0, -1, 0, -1]]
+    assert np.isnan(corners).all() and level.cells[0].coverage == 0
+    assert np.nanmin(means) == pytest.approx(np.nanmax(means)) == pytest.approx(
+        100 * (0.05 + WORN) / 0.1, rel=1e-3)
+
+
+def test_a_grid_has_no_more_cells_than_its_map():
+    wall = BoxWall(np.array([0, 0, 0, 0.008 + 2 * WALL, 0.006 + 2 * WALL, 0.0]))
+    container = make_container(wall, WALL, FLOOR + 0.1, FLOOR, PLANE)
+    stack = measure_stack(FusedSurface(slope(0.05, 0.05)), container, REGION, PITCH, True)
+    assert measure_filling_level(stack, 10).cell_count == (4, 3)
 
 
 def test_unseen_cells_say_so():
