@@ -34,8 +34,10 @@ def _add_case_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options that `evaluate gamma` and `evaluate count` share."""
     _add_set_argument(parser)
     parser.add_argument("--scenes", type=int, metavar="N", help="only the first N")
-    parser.add_argument("--depth", choices=("ideal", "noisy"), default="noisy",
-                        help="noisy: recordings through the pipeline; ideal: true V and surface")
+    parser.add_argument("--depth", choices=("ideal", "noisy", "pictures"), default="noisy",
+                        help="noisy: recordings through the pipeline; pictures: the same without"
+                        " depth, from colour and labels (half a minute a scene; name 24 views);"
+                        " ideal: true V and surface")
     parser.add_argument("--views", type=int, default=12, metavar="N", help="of each recording")
     parser.add_argument("--confidence", type=float, default=0.9, metavar="P")
     parser.add_argument("--weights", type=Path, metavar="PATH", help="of the network")

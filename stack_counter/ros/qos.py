@@ -46,3 +46,10 @@ def profile_that_hears(publishers: Sequence[QoSProfile]) -> QoSProfile:
         depth=100,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
+
+
+def record_qos(topic: str, kind: str) -> QoSProfile:
+    """Returns the profile that a recorded topic of a type is played with."""
+    if topic == "/tf_static":
+        return LATCHED_ALL
+    return QoSProfile(depth=50 if kind.endswith(("Image", "CameraInfo")) else 1000)
