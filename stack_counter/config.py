@@ -132,6 +132,9 @@ class ReconstructorConfig:
                                           "stand, when there is no depth", 0.0, 1.0)
     scale_std: float = _setting(0.0, "relative standard deviation of all lengths in the poses, as "
                                      "of pictures scaled by a reference; adds to V's", 0.0, 0.3)
+    filling_level_cells: int = _setting(8, "cells of the filling level's grid along the "
+                                           "container's longer side; they are as square as can be",
+                                        1, 10)
     report_folder: str = _setting("", "folder into which the service write_report writes; empty: "
                                       "it does not")
 
@@ -173,6 +176,16 @@ class CounterConfig:
                                    0, 1000000000, runtime=True)
     tolerance: int = _setting(0, "largest deviation from expected_count that passes, parts",
                               0, 1000000000, runtime=True)
+    weight_topic: str = _setting("", "std_msgs/Float64, what the scale under the container shows, "
+                                     "kg; empty: no scale")
+    weight_kg: float = _setting(math.nan, "the same as a number, in place of the topic, kg; .nan: "
+                                          "none", runtime=True)
+    tare_kg: float = _setting(0.0, "weight of the empty container, which is taken off, kg", 0.0,
+                              100000.0, runtime=True)
+    weight_std_kg: float = _setting(0.005, "standard deviation of the parts' weight: of the scale "
+                                           "and of the tare, kg", 1e-6, 1000.0)
+    weight_max_age_s: float = _setting(10.0, "how old a stable weight may be to belong to a scan, "
+                                             "s", 0.1, 86400.0)
     timeout_s: float = _setting(60.0, "longest time of a scan that an action or service asks for "
                                       "without saying, s", 0.1, 86400.0, runtime=True)
     result_log: str = _setting("", "file to which a line is added for every final result: .csv, "

@@ -15,8 +15,8 @@ PACKAGE = Path(__file__).parent.parent / "stack_counter"
 
 # The ground: modules directly in the package. Each may import those before it.
 GROUND = ("errors", "types", "named_region", "parameter_files", "setting_fields", "config",
-          "rotations", "geometry", "files", "pretrained", "inference", "counting",
-          "child_processes", "progress")
+          "rotations", "geometry", "files", "pretrained", "inference", "counting", "weighing",
+          "scale_readings", "child_processes", "progress")
 # Package -> which others it may import besides the ground; only what stands above it here.
 LAYERS = {
     "lean_open3d": (), "views": ("lean_open3d",), "fusion": ("lean_open3d",), "display": (),

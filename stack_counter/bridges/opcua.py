@@ -24,8 +24,9 @@ NAMESPACE_URI = "urn:stack_counter:results"
 APPLICATION_URI = "urn:stack_counter:bridge"  # a certificate names it
 ROOT = "StackCounter"
 _TYPES = {"integer": ua.VariantType.Int64, "number": ua.VariantType.Double,
-          "string": ua.VariantType.String}
-_ANY_VALUE = {ua.VariantType.Int64: 0, ua.VariantType.Double: 0.0, ua.VariantType.String: ""}
+          "string": ua.VariantType.String, "boolean": ua.VariantType.Boolean}
+_ANY_VALUE = {ua.VariantType.Int64: 0, ua.VariantType.Double: 0.0, ua.VariantType.String: "",
+              ua.VariantType.Boolean: False}
 _NO_DATA = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNoData))
 
 

@@ -52,6 +52,7 @@ _EVALUATIONS = {
     "acceptance": "which solids of a library `part add` takes",
     "template": "of v from pieces on a table",
     "volume": "of V and the container",
+    "weight": "of counts where a scale is under the container, and of wrong bins on it",
     "labels": "of the labels that segmenters give",
     "images": "of V from pictures and labels, without depth",
     "surface": "of the surface that stereo gives: its depth and its power spectrum",

@@ -62,6 +62,32 @@ _VIEWS = _object({
     "received": _value("integer", "views that arrived", minimum=0),
     "used": _value("integer", "views that the count rests on", minimum=0),
     "skipped": _numbers_by_name("integer", "views that were left out, by reason")})
+_RANGE = _object({name: {"type": ["number", "null"], "description": f"{what} of its places; null "
+                                                                     "beside the opening"}
+                  for name, what in (("min", "1st percentile"), ("max", "99th percentile"),
+                                     ("mean", "mean"))})
+_CELL = _object({
+    "cell_size": _object({axis: _value("number", "side along the container's axis, m")
+                          for axis in "xy"}),
+    "cell_position": _object({axis: _value("number", "of its centre at the rim, world, m")
+                              for axis in "xyz"}),
+    "level_in_percent": {**_RANGE, "description": "filled share of the height from the inner "
+                                                  "surface to the rim: 100 is full"},
+    "level_free_in_meters": {**_RANGE, "description": "from the surface up to the rim, m; below 0 "
+                                                      "over the rim"},
+    "coverage": _value("number", "share of it that some view saw", minimum=0, maximum=1)})
+_CELLS = {
+    "cells_filling_levels": {"type": "array", "items": _CELL, "description":
+                             "how full each cell of a grid on the floor is, along the container's "
+                             "x first; empty without a container"},
+    "filling_level_cell_count": _object({axis: _value(
+        "integer", "cells along the container's axis", minimum=0) for axis in "xy"}),
+}
+_SOURCES = {"type": "array", "description": "what each source alone says, vision first",
+            "items": _object({
+                "source": _value("string", "vision or weight"),
+                "count": _NUMBER, "count_interval": _INTERVAL,
+                "share": _value("number", "how much it weighs in count", minimum=0, maximum=1)})}
 _COUNT = {
     "count": _NUMBER,
     "count_interval": _INTERVAL,
@@ -79,6 +105,12 @@ _COUNT = {
     "coverage": _value("number", "share of the container's footprint that some view saw",
                        minimum=0, maximum=1),
     "fill_level": _numbers(3, "least, mean and largest filled share of the inner height"),
+    "overfilled": _value("boolean", "parts stand above the rim"),
+    "overall_filling_level": {**_CELL, "type": ["object", "null"],
+                              "description": "of the whole container; null without one"},
+    "count_sources": _SOURCES,
+    "net_weight_kg": {"type": ["number", "null"],
+                      "description": "weight of the parts, kg; null: none was used"},
     "estimator": _value("string", "who said gamma"),
     "gamma_shares": _numbers_by_name("number", "how much each source of gamma weighed"),
     "counted_scans": _value("integer", "counted scans of the part that gamma rests on",
@@ -136,7 +168,7 @@ FLAT_FIELDS = {name: schema for name, schema, _ in _single_values(_FLAT, None, "
 _DEFINITIONS = {
     "count": _object({"schema_version": _VERSION, **_COUNT}),
     "failure": _object(_FAILURE),
-    "result": {"allOf": [{"$ref": "#/$defs/count"}, _object({"counts": _COUNTS})]},
+    "result": {"allOf": [{"$ref": "#/$defs/count"}, _object({**_CELLS, "counts": _COUNTS})]},
     "regions": _object({
         "schema_version": _VERSION,
         "regions": {"type": "array", "items": {

@@ -155,6 +155,20 @@ def _add_volume_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
 
 
+def _add_weight_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `evaluate weight`."""
+    _add_set_argument(parser)
+    parser.add_argument("--scenes", type=int, default=50, metavar="N",
+                        help="the first N (default 50)")
+    parser.add_argument("--scatter", type=float, default=0.01, metavar="SHARE",
+                        help="standard deviation from piece to piece (default 0.01)")
+    parser.add_argument("--scale-std-g", type=float, default=5.0, metavar="G",
+                        help="standard deviation of scale and tare (default 5: of a scale with "
+                             "steps of 10 g)")
+    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write every weighing here")
+
+
 # What adds the arguments of an evaluation, by the name of its module.
 ADD_ARGUMENTS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "acceptance": _add_acceptance_arguments,
@@ -169,4 +183,5 @@ ADD_ARGUMENTS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "surface": _add_surface_arguments,
     "template": _add_template_arguments,
     "volume": _add_volume_arguments,
+    "weight": _add_weight_arguments,
 }

@@ -12,12 +12,8 @@ from std_msgs.msg import String
 
 from stack_counter.display.report import as_dict
 from stack_counter.display.result_schema import SCHEMA_VERSION, flat_line
-from stack_counter.ros.conversions import (
-    from_stack_count,
-    from_stack_volume,
-    from_tally,
-    verdict_name,
-)
+from stack_counter.ros.conversions import from_stack_count, from_stack_volume, from_tally
+from stack_counter.ros.verdicts import verdict_name
 from stack_counter.views.decoding import stamp_ns
 
 
@@ -34,7 +30,8 @@ def result_line(count: StackCount, volume: StackVolume) -> dict[str, Any]:
                 "views": {"received": tally.received, "used": tally.used,
                           "skipped": tally.skipped}, "reasons": list(count.reasons)}
     result = as_dict(from_stack_count(count, from_stack_volume(volume)), [])
-    del result["counts"]  # running ones
+    for key in ("counts", "cells_filling_levels", "filling_level_cell_count"):
+        del result[key]  # what is long: running counts, and the cells of the overall level
     return {**line, **result}
 
 

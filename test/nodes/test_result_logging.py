@@ -6,7 +6,15 @@ from types import SimpleNamespace
 import pytest
 from builtin_interfaces.msg import Time
 from kits.result_schema import read_result
-from stack_counter_msgs.msg import Container, StackCount, StackVolume, StageSeconds, ViewTally
+from stack_counter_msgs.msg import (
+    CellFillingLevel,
+    Container,
+    GridSize,
+    StackCount,
+    StackVolume,
+    StageSeconds,
+    ViewTally,
+)
 from std_msgs.msg import Header
 
 from stack_counter.config import CounterConfig
@@ -26,7 +34,9 @@ def counted(**fields):
     views = ViewTally(received=8, used=6, skip_reasons=["no_tf"], skip_counts=[2])
     volume = StackVolume(header=HEADER, scan_id="scan 7", region="left", part="nut", final=True,
                          unit_volume=1e-6, stack_volume=1e-3, stack_volume_std=1e-5, coverage=0.9,
-                         container=Container(kind="box"), views=views)
+                         container=Container(kind="box"), views=views,
+                         filling_level_cell_count=GridSize(x=2, y=1),
+                         cells_filling_levels=[CellFillingLevel(coverage=0.9)] * 2)
     count = StackCount(header=HEADER, scan_id="scan 7", region="left", part="nut", final=True,
                        count=600, count_low=550, count_high=650, confidence=0.9, gamma=0.6,
                        gamma_std=0.02, unit_volume=1e-6, stack_volume=1e-3, views=views,
@@ -53,7 +63,10 @@ def test_a_line_says_whose_count_it_is_and_what_replay_says(tmp_path):
     own = {"scan_id": "scan 7", "stamp": "2023-11-14T22:13:20.123456Z", "region": "left",
            "part": "nut", "verdict": "pass"}
     replayed = as_dict(from_stack_count(count, from_stack_volume(volume)), [])
-    assert replayed.pop("counts") == [] and line == own | replayed
+    assert replayed.pop("counts") == [] and replayed.pop("filling_level_cell_count") == {
+        "x": 2, "y": 1}
+    assert len(replayed.pop("cells_filling_levels")) == 2  # what is long is left out
+    assert line == own | replayed
     assert not warnings and log.status_lines() == []
 
 
