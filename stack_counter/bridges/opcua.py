@@ -164,9 +164,10 @@ class _OneUser(UserManager):
 
 
 def _variant_type(schema: Schema) -> ua.VariantType:
-    """Returns the OPC UA type of a value by its schema."""
-    return _TYPES["integer" if isinstance(schema.get("const"), int)
-                  else schema.get("type", "string")]
+    """Returns the OPC UA type of a value by its schema; null is a value without data."""
+    kinds = schema.get("type", "string")
+    kind = next(k for k in kinds if k != "null") if isinstance(kinds, list) else kinds
+    return _TYPES["integer" if isinstance(schema.get("const"), int) else kind]
 
 
 def _data_value(value: Any, kind: ua.VariantType, stamp: ua.DateTime | None) -> ua.DataValue:
