@@ -84,9 +84,19 @@ EXTRAS = {
     "pictures": ["pycolmap>=4.2.1", "pillow>=12.3", "pillow-heif>=1.8.1"],
     # Counts of whole archives: tables, and clusters of machines (no keys).
     "archive": ["pyarrow>=26.0.1", "ray>=2.60"],
+    # Results for stations that speak no ROS (no keys).
+    "mqtt": ["aiomqtt>=2.5.1"],
+    "opcua": ["asyncua>=2.1"],
     # STEP files of parts (no key).
     "cad": ["cascadio>=0.1.1"],
+    # The documentation site (no keys), for `make docs`.
+    "docs": [
+        "furo>=2025.12.19",
+        "myst-parser>=5.2; python_version >= '3.11'",
+        "sphinx>=9.0.4; python_version >= '3.11'",
+    ],
     "test": [
+        "amqtt>=0.12.1",  # (no key) an MQTT broker
         "jsonschema>=4.26",
         "mypy>=2.4",
         "pytest>=9.2",

@@ -32,6 +32,8 @@ ARGUMENTS = {
     "part_catalogue": ("file of the known parts", ("collector", "counter"), str),
     "part": ("name of the part in the part file", ("collector", "counter"), str),
     "unit_volume_m3": ("volume of one part, m3", ("collector", "counter"), float),
+    "part_size_m": ("outer dimensions of one part, m, e.g. 0.03x0.02x0.01",
+                    ("collector", "counter"), list),
     "live": ("volume and count after every view: true or false", ("reconstructor",), bool),
     "segmenter": ("who labels the views: auto, geometric, labels, prompted, sam2",
                   ("reconstructor",), str),
@@ -46,7 +48,8 @@ ARGUMENTS = {
     "autostart": ("configure and activate at start: true or false", NODES, bool),
 }
 PARSERS = {str: str, int: int, float: float,
-           bool: lambda text: text.lower() in ("true", "1", "yes")}
+           bool: lambda text: text.lower() in ("true", "1", "yes"),
+           list: lambda text: [float(number) for number in text.split("x")]}
 
 
 def make_nodes(context):

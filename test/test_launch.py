@@ -88,7 +88,8 @@ def test_every_argument_is_described_and_is_a_setting(load):
     for key, (_, node_names, kind) in module.ARGUMENTS.items():
         for node in node_names if key not in ("use_sim_time", "autostart") else ():
             fields = {f.name: f for f in dataclasses.fields(getattr(Config(), node))}
-            assert isinstance(fields[key].default, kind), (node, key)
+            assert isinstance(fields[key].default, tuple if kind is list else kind), (
+                    node, key)
 
 
 def test_a_bag_is_played_by_its_own_clock(load):

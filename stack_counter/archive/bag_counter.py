@@ -139,7 +139,8 @@ class BagCounter:
                  "verdict": verdict(count.count_interval, wanted.expected_count,
                                     wanted.tolerance),
                  "exit_code": 0, **as_dict(count, [])}
-        del line["counts"]
+        for key in ("counts", "cells_filling_levels", "filling_level_cell_count"):
+            del line[key]  # what is long, as in `result_log`
         if self.reports:
             line["report"] = self._write_report(bag, part, result.region, count, key)
         return line

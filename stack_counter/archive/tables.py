@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from stack_counter.archive.outcome import Outcome
-from stack_counter.display.result_schema import log_column_kinds, log_columns
+from stack_counter.display.result_schema import FLAT_FIELDS, Schema, flat_line
 from stack_counter.errors import ConfigError
 from stack_counter.files import write_atomically
 
@@ -59,7 +59,7 @@ def table_rows(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
     for outcome in outcomes:
         for line in outcome.results:
             own = {**vars(outcome), "exit_code": line["exit_code"], "report": line.get("report")}
-            rows.append({**{name: own.get(name) for name in _BEFORE}, **log_columns(line),
+            rows.append({**{name: own.get(name) for name in _BEFORE}, **flat_line(line),
                          **{name: own.get(name) for name in _BEHIND}})
     return rows
 
@@ -86,7 +86,8 @@ def write_tables(folder: Path, outcomes: Iterable[Outcome]) -> None:
 
 def _write_parquet(path: Path, rows: list[dict[str, Any]]) -> None:
     pyarrow = require_pyarrow()
-    kinds = {"string": pyarrow.string(), "integer": pyarrow.int64(), "number": pyarrow.float64()}
+    kinds = {"string": pyarrow.string(), "integer": pyarrow.int64(), "number": pyarrow.float64(),
+             "boolean": pyarrow.bool_()}
     types = {name: kinds[kind] for name, kind in _column_kinds().items()}
     types |= {name: pyarrow.timestamp("us", "UTC") for name in _TIMES}
     table = pyarrow.Table.from_pylist([{**row, **{name: _moment(row[name]) for name in _TIMES}}
@@ -97,7 +98,14 @@ def _write_parquet(path: Path, rows: list[dict[str, Any]]) -> None:
 
 
 def _column_kinds() -> dict[str, str]:
-    return {**_BEFORE, **log_column_kinds(), **_BEHIND}
+    """What each column holds: string, integer, number or boolean."""
+    return {**_BEFORE, **{name: _kind(schema) for name, schema in FLAT_FIELDS.items()}, **_BEHIND}
+
+
+def _kind(schema: Schema) -> str:
+    """What a value of a schema is, apart from null."""
+    kinds = schema.get("type", "integer" if "const" in schema else "string")
+    return kinds if isinstance(kinds, str) else next(kind for kind in kinds if kind != "null")
 
 
 def _moment(text: str | None) -> datetime | None:

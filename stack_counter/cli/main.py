@@ -19,6 +19,7 @@ from importlib import import_module
 from pathlib import Path
 
 from stack_counter import __version__
+from stack_counter.cli.bridge import add_bridge
 from stack_counter.cli.common import add_config_argument, add_time_arguments, chosen_time_range
 from stack_counter.cli.containers import add_container
 from stack_counter.cli.doctor import add_doctor
@@ -46,6 +47,7 @@ _EVALUATIONS = {
     "acceptance": "which solids of a library `part add` takes",
     "template": "of v from pieces on a table",
     "volume": "of V and the container",
+    "weight": "of counts where a scale is under the container, and of wrong bins on it",
     "labels": "of the labels that segmenters give",
     "images": "of V from pictures and labels, without depth",
     "surface": "of the surface that stereo gives: its depth and its power spectrum",
@@ -95,6 +97,7 @@ def _make_parser() -> argparse.ArgumentParser:
     add_run(commands)
     add_view(commands)
     add_play(commands)
+    add_bridge(commands)
     add_import(commands)
     _add_info(commands)
     add_doctor(commands)

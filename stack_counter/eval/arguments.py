@@ -36,8 +36,10 @@ def _add_case_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options that `evaluate gamma` and `evaluate count` share."""
     _add_set_argument(parser)
     parser.add_argument("--scenes", type=int, metavar="N", help="only the first N")
-    parser.add_argument("--depth", choices=("ideal", "noisy"), default="noisy",
-                        help="noisy: recordings through the pipeline; ideal: true V and surface")
+    parser.add_argument("--depth", choices=("ideal", "noisy", "pictures"), default="noisy",
+                        help="noisy: recordings through the pipeline; pictures: the same without"
+                        " depth, from colour and labels (half a minute a scene; name 24 views);"
+                        " ideal: true V and surface")
     parser.add_argument("--views", type=int, default=12, metavar="N", help="of each recording")
     parser.add_argument("--confidence", type=float, default=0.9, metavar="P")
     parser.add_argument("--weights", type=Path, metavar="PATH", help="of the network")
@@ -155,6 +157,20 @@ def _add_volume_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
 
 
+def _add_weight_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `evaluate weight`."""
+    _add_set_argument(parser)
+    parser.add_argument("--scenes", type=int, default=50, metavar="N",
+                        help="the first N (default 50)")
+    parser.add_argument("--scatter", type=float, default=0.01, metavar="SHARE",
+                        help="standard deviation from piece to piece (default 0.01)")
+    parser.add_argument("--scale-std-g", type=float, default=5.0, metavar="G",
+                        help="standard deviation of scale and tare (default 5: of a scale with "
+                             "steps of 10 g)")
+    Workers.add_arguments(parser)
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write every weighing here")
+
+
 # What adds the arguments of an evaluation, by the name of its module.
 ADD_ARGUMENTS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "acceptance": _add_acceptance_arguments,
@@ -169,4 +185,5 @@ ADD_ARGUMENTS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "surface": _add_surface_arguments,
     "template": _add_template_arguments,
     "volume": _add_volume_arguments,
+    "weight": _add_weight_arguments,
 }

@@ -24,8 +24,15 @@ from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.multiview.scan import scale_down
 from stack_counter.progress import progress, write_line
 from stack_counter.reconstruction import PictureReconstruction
-from stack_counter.sim import CAMERA, DepthCamera, RayCaster, Scene, read_scenes, record
-from stack_counter.types import PARTS, HeightMap, Intrinsics, View
+from stack_counter.sim import (
+    DepthCamera,
+    RayCaster,
+    Scene,
+    read_scenes,
+    record,
+    scaled_camera,
+)
+from stack_counter.types import PARTS, HeightMap, View
 
 _IDEAL = DepthCamera(sigma_m=0.0, sigma_per_m2=0.0, step_m=1e-6)
 
@@ -64,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     for scene in progress(itertools.islice(scenes, args.scenes), "surfaces", "scenes",
                           args.scenes):
         views = record(scene, args.views, args.seed, camera=_IDEAL, labels=True,
-                       intrinsics=_scaled_camera(args.width))
+                       intrinsics=scaled_camera(args.width))
         case = measure_surface(scene, views)
         if case is None:
             write_line(f"scene {scene.index}: stereo gave no depth")
@@ -74,13 +81,6 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         write_figures(args.json, cases)
     return 0
-
-
-def _scaled_camera(width: int) -> Intrinsics:
-    """The simulated camera with pictures of another width, pixels."""
-    scale = width / CAMERA.width
-    return Intrinsics(width, round(CAMERA.height * scale), CAMERA.fx * scale, CAMERA.fy * scale,
-                      (CAMERA.cx + 0.5) * scale - 0.5, (CAMERA.cy + 0.5) * scale - 0.5)
 
 
 def measure_surface(scene: Scene, views: list[View]) -> SurfaceCase | None:

@@ -25,6 +25,8 @@ from stack_counter.occupancy.weights_file import (
     unlike_its_networks,
 )
 
+SHIPPED_NET = NetConfig(knows_form=True, knows_resolution=True)
+
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
@@ -66,7 +68,7 @@ def make_net(encoder: str, folder: Path | None) -> nn.Module:
         WeightsError: the folder cannot be loaded, or is missing for `dinov2`.
     """
     if encoder == "own":
-        return GammaNet(NetConfig(knows_form=True))
+        return GammaNet(SHIPPED_NET)
     if folder is None:
         raise WeightsError("the encoder is DINOv2 and no folder with its weights is named; "
                            "expected one")

@@ -35,13 +35,22 @@ from stack_counter.occupancy.weights_file import (
     read_tuning,
     tuned_name,
 )
-from stack_counter.types import KnownForm, OccupancyEstimate, Reason, StackVolume
+from stack_counter.types import (
+    KnownForm,
+    KnownLevel,
+    OccupancyEstimate,
+    Reason,
+    StackVolume,
+)
 
 if TYPE_CHECKING:
     from stack_counter.occupancy.depth_anything import MonocularDepth
 
 SHIPPED = "gamma.safetensors"
 _CALIBRATION = {"scores", "scores_one_side", "centers", "middle", "whiten", "reach"}
+# Scores by how the surface was seen: around, from one side, and by pictures without depth. Files
+# whose networks were not measured on pictures have none of those, which the first stand in for.
+_SCORES = ("scores", "scores_one_side", "scores_pictures")
 
 
 @dataclass(frozen=True)
@@ -102,7 +111,7 @@ class NetworkEstimator(OccupancyEstimator):
         path = path or shipped_weights(SHIPPED)
         file = read_network_file(path)
         calibration = file.calibration
-        if set(calibration) != _CALIBRATION:
+        if set(calibration) - {"scores_pictures"} != _CALIBRATION:
             raise WeightsError(f"{path} has calibration {sorted(calibration)}; expected "
                                f"{sorted(_CALIBRATION)}")
         self._name = f"network {file.facts.get('version', 'unnamed')}"
@@ -110,9 +119,14 @@ class NetworkEstimator(OccupancyEstimator):
         self._ensemble, self._members = _load_ensemble(path, file, encoder_folder), file.members
         self._tuning: LastLayerTuning | None = None
         # By level of knowledge; files of networks that know v alone have no such rows.
-        self._scores, self._scores_one_side, self._centers = (
-            np.atleast_2d(calibration[key]) for key in ("scores", "scores_one_side", "centers"))
+        self._scores = [np.atleast_2d(calibration.get(name, calibration["scores"]))
+                        for name in _SCORES]
+        self._centers = np.atleast_2d(calibration["centers"])  # (levels, ways to see)
         self._knows_form = bool(file.config.get("knows_form", False))
+        rows = min(map(len, [*self._scores, self._centers]))
+        if self._knows_form and rows < len(KnownLevel):
+            raise WeightsError(f"{path} has scores of {rows} levels of knowledge; expected "
+                               f"{len(KnownLevel)}: calibrate it again")
         self._form = KnownForm()
         self._knowing: dict[KnownForm, NetworkEstimator] = {}
         self._domain = TrainingDomain(calibration["middle"], calibration["whiten"],
@@ -130,7 +144,8 @@ class NetworkEstimator(OccupancyEstimator):
     @override
     def estimate(self, volume: StackVolume, unit_volume: float) -> OccupancyEstimate:
         level = self._form.level
-        scores = (self._scores_one_side if volume.one_side else self._scores)[level]
+        seen = 1 if volume.one_side else 2 * (Reason.DEPTH_FROM_PICTURES in volume.reasons)
+        scores = self._scores[seen][level]
         empty = OccupancyEstimate(SETTINGS.empty_gamma, SETTINGS.empty_std, scores, self.name)
         if volume.stack_volume < SETTINGS.least_parts * unit_volume:
             return empty  # less than any part takes up, so there is no surface to read
@@ -142,7 +157,7 @@ class NetworkEstimator(OccupancyEstimator):
         # Predict; take out the median error on families left out.
         prediction = predict_gamma(self._ensemble, maps, known_values(self._form, unit_volume),
                                    measured_resolution(volume, unit_volume), self._tuning)
-        center = self._centers[level][int(volume.one_side)]  # around, from one side
+        center = self._centers[level][seen if seen < self._centers.shape[1] else 0]
         gamma = min(float(np.exp(prediction.log_gamma + center)), SETTINGS.largest_gamma)
         # Widen the spread where the stack is unlike those of training.
         doubt = assess_doubt(
@@ -196,7 +211,7 @@ class NetworkEstimator(OccupancyEstimator):
                                f"'{self.name}'")
         tuned = copy.copy(self)
         tuned.name = tuned_name(self.name, tuning.weight, tuning.bias)
-        tuned._tuning = tuning
+        tuned._tuning, tuned._knowing = tuning, {}
         return tuned
 
     def _read_maps(self, volume: StackVolume, unit_volume: float) -> StackMaps | None:

@@ -27,11 +27,10 @@ from stack_counter.bag.formats.recording_file import Record
 from stack_counter.bag.reader import BagReader
 from stack_counter.errors import BagError
 from stack_counter.parameter_files import NAMESPACE
-from stack_counter.ros.player import message_type, record_qos
 from stack_counter.ros.processes import shared_memory_environment
-from stack_counter.ros.qos import LATCHED_ALL
+from stack_counter.ros.qos import LATCHED_ALL, record_qos
 from stack_counter.ros.security import check_security
-from stack_counter.ros.standard_messages import to_time
+from stack_counter.ros.standard_messages import message_type, to_time
 from stack_counter.views.decoding import stamp_ns
 
 

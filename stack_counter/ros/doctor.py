@@ -30,10 +30,10 @@ from stack_counter.ros.graph_findings import (
     node_findings,
     qos_findings,
 )
-from stack_counter.ros.player import message_type
 from stack_counter.ros.processes import NODES, shared_memory_environment
 from stack_counter.ros.qos import profile_that_hears
 from stack_counter.ros.security import check_security
+from stack_counter.ros.standard_messages import message_type
 from stack_counter.views.checkup.checkup import Checkup
 from stack_counter.views.checkup.diagnosis import diagnose
 from stack_counter.views.checkup.findings import Finding

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -13,7 +12,7 @@ from typing import Any
 import rclpy
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from stack_counter_msgs.msg import ScanStatus, StackCount, StackVolume
 from stack_counter_msgs.srv import StartScan, StopScan
 from std_srvs.srv import Trigger
@@ -26,7 +25,8 @@ from stack_counter.ros.conversions import from_skips
 from stack_counter.ros.heard_counts import HeardCounts
 from stack_counter.ros.part_fields import to_part_fields
 from stack_counter.ros.processes import NodeError, NodeProcesses
-from stack_counter.ros.qos import LATCHED_ALL, RELIABLE
+from stack_counter.ros.qos import LATCHED_ALL, RELIABLE, record_qos
+from stack_counter.ros.standard_messages import message_type
 from stack_counter.types import PartRequest, ViewTally
 
 
@@ -62,6 +62,8 @@ class PlayerSettings:
 
 
 SETTINGS = PlayerSettings()
+# The end of a cycle must not be missed, whoever is found first.
+EVERY_STATUS = QoSProfile(depth=500, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Player(Node):
@@ -92,12 +94,12 @@ class Player(Node):
         self._images_sent = self._images_of_open_scan = 0
         self._cycle_ns, self._cycle_begin_ns = cycle_ns, -2 * cycle_ns
         self._cycle_sizes: dict[str, int] = {}  # number of images of each cycle that is closed
-        self._images_finished = 0  # of cycles that the reconstructor has finished
+        self._cycles_finished: set[str] = set()  # by the reconstructor
         self.heard = HeardCounts(regions)
         self._record_publishers: dict[str, Publisher] = {
             topic: self.create_publisher(message_type(kind), topic, record_qos(topic, kind))
             for topic, kind in topics.items()}
-        self.create_subscription(ScanStatus, "scan_status", self._on_status, QoSProfile(depth=500))
+        self.create_subscription(ScanStatus, "scan_status", self._on_status, EVERY_STATUS)
         self.create_subscription(StackVolume, "volume", self._on_volume, LATCHED_ALL)
         self.create_subscription(StackCount, "result", self._on_count, LATCHED_ALL)
         self.create_subscription(StackCount, "running_count", self._on_count, RELIABLE)
@@ -112,7 +114,7 @@ class Player(Node):
             if message.state == ScanStatus.STOPPED and message.node == "collector":
                 self._cycle_sizes[message.scan_id] = message.received
             elif message.state == ScanStatus.STOPPED:
-                self._images_finished += self._cycle_sizes.get(message.scan_id, 0)
+                self._cycles_finished.add(message.scan_id)
             if message.node == "collector":
                 self._collector = message
                 if message.state == ScanStatus.SCANNING:
@@ -261,10 +263,12 @@ class Player(Node):
     def _images_ahead(self) -> int:
         """Returns the number of images played that no node has finished or skipped."""
         if self._cycle_ns:
-            # Those of a cycle without any view are skipped, and the cycle is never closed.
+            # Images of a cycle without any view are skipped; it is never closed.
             status = self._collector
             skipped = sum(status.skip_counts) if status.state == ScanStatus.SCANNING else 0
-            return self._images_sent - self._images_finished - skipped
+            finished = sum(size for scan_id, size in self._cycle_sizes.items()
+                           if scan_id in self._cycles_finished)
+            return self._images_sent - finished - skipped
         return self._images_sent - sum(self._collector.skip_counts) - self._reconstructor.received
 
     def _wait_for_room(self, max_ahead: int) -> None:
@@ -285,16 +289,3 @@ class Player(Node):
             self._cycle_begin_ns = log_time_ns
             return 1
         return len(self._color_topics)
-
-
-def record_qos(topic: str, kind: str) -> QoSProfile:
-    """Returns the profile that a recorded topic of a type is played with."""
-    if topic == "/tf_static":
-        return LATCHED_ALL
-    return QoSProfile(depth=50 if kind.endswith(("Image", "CameraInfo")) else 1000)
-
-
-def message_type(name: str) -> type:
-    """Returns the class of a type named as in a bag, e.g. `sensor_msgs/msg/Image`."""
-    package, _, kind = name.split("/")
-    return getattr(importlib.import_module(f"{package}.msg"), kind)

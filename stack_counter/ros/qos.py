@@ -32,6 +32,8 @@ DIAGNOSTICS = QoSProfile(depth=10)
 # The topics of final counts. Both carry the same: `count` is what `result` was called, and goes
 # with the next release.
 FINAL_TOPICS = ("result", "count")
+# The topic that has them as flat JSON, if the counter's parameter of this name says so.
+RESULT_JSON = "result_json"
 
 
 def profile_that_hears(publishers: Sequence[QoSProfile]) -> QoSProfile:
@@ -46,3 +48,10 @@ def profile_that_hears(publishers: Sequence[QoSProfile]) -> QoSProfile:
         depth=100,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
+
+
+def record_qos(topic: str, kind: str) -> QoSProfile:
+    """Returns the profile that a recorded topic of a type is played with."""
+    if topic == "/tf_static":
+        return LATCHED_ALL
+    return QoSProfile(depth=50 if kind.endswith(("Image", "CameraInfo")) else 1000)

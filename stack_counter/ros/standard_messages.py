@@ -8,6 +8,7 @@ works without ROS.
 from __future__ import annotations
 
 import array
+import importlib
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -64,3 +65,9 @@ def to_camera_info(intrinsics: Intrinsics, header: Header) -> CameraInfo:
     info.p = [k.fx, 0.0, k.cx, 0.0, 0.0, k.fy, k.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
     info.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     return info
+
+
+def message_type(name: str) -> type:
+    """Returns the class of a type named as in a bag, e.g. `sensor_msgs/msg/Image`."""
+    package, _, kind = name.split("/")
+    return getattr(importlib.import_module(f"{package}.msg"), kind)

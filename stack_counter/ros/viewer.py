@@ -25,10 +25,10 @@ from stack_counter.bag.message_definitions import message_definition
 from stack_counter.config import CollectorConfig
 from stack_counter.errors import BagError, ConfigError
 from stack_counter.parameter_files import NAMESPACE
-from stack_counter.ros.player import message_type
 from stack_counter.ros.processes import shared_memory_environment
 from stack_counter.ros.qos import RELIABLE, profile_that_hears
 from stack_counter.ros.security import check_security
+from stack_counter.ros.standard_messages import message_type
 from stack_counter.views.depth_stream import depth_camera_info_topic
 from stack_counter.views.rig import load_rig
 

@@ -15,6 +15,7 @@ from stack_counter.sim.camera.recording import (
     record,
     record_fixed_camera,
     record_returning_camera,
+    scaled_camera,
 )
 from stack_counter.sim.hard.kinds import HARD_KINDS, hard_kind, make_hard_scan
 from stack_counter.sim.hard.piles import read_piles
@@ -31,7 +32,11 @@ from stack_counter.sim.physics.recipes import (
     max_simulated_parts,
 )
 from stack_counter.sim.physics.table import lay_out_pieces
-from stack_counter.sim.reconstruction import reconstruct, reconstruct_from_above
+from stack_counter.sim.reconstruction import (
+    reconstruct,
+    reconstruct_from_above,
+    reconstruct_from_pictures,
+)
 from stack_counter.sim.scenes.containers import RECONSTRUCTED_KIND, ContainerShape
 from stack_counter.sim.scenes.ray_caster import RayCaster
 from stack_counter.sim.scenes.scene import Scene, SceneError
@@ -76,11 +81,13 @@ __all__ = [
     "read_shard",
     "reconstruct",
     "reconstruct_from_above",
+    "reconstruct_from_pictures",
     "record",
     "record_fixed_camera",
     "record_returning_camera",
     "remove_parts",
     "rough_form",
+    "scaled_camera",
     "shape_from_mesh",
     "simplify_solid",
     "simulate_pile",

@@ -23,7 +23,8 @@ import numpy as np
 import torch
 
 from stack_counter.child_processes import worker_pool
-from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
+from stack_counter.occupancy.checkpoint import SHIPPED_NET
+from stack_counter.occupancy.gamma_net import GammaNet
 from stack_counter.train.arguments import add_arguments
 from stack_counter.train.data.batches import FOLDS, assign_folds
 from stack_counter.train.gamma import load_data
@@ -55,10 +56,10 @@ class Variant:
 
 VARIANTS = {
     "as shipped": Variant(),
-    "knows the form": Variant(net={"knows_form": True}),
-    "knows the form, four batches as one": Variant(
-        net={"knows_form": True}, training={"batch": 128, "rate": 4e-3}),
-    "reads pictures too": Variant(net={"knows_resolution": True}, training={"pictures": 0.4}),
+    "four batches as one": Variant(training={"batch": 128, "rate": 4e-3}),
+    "knows v alone": Variant(net={"knows_form": False}),
+    "depth cameras alone": Variant(net={"knows_resolution": False}, training={"pictures": 0.0}),
+    "all families alike": Variant(training={"family_exponent": 0.0}),
     "squared error, no spread": Variant(training={"likelihood": False}),
     "no form beside gamma": Variant(training={"form_weight": 0.0}),
     "no wall, no floor": Variant(training={"blind": 1.0}),
@@ -79,12 +80,12 @@ def run_variant(options: argparse.Namespace, name: str, number: int, seed: int) 
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     variant = VARIANTS[name]
-    learnt, held_out = _split(options, variant, number)
-    # Train.
     config = replace(TrainConfig(epochs=options.epochs, seed=seed), **variant.training)
+    learnt, held_out = _split(options, variant, config, number)
+    # Train.
     torch.manual_seed(seed)
     path = options.out / f"{name.replace(' ', '_').replace(',', '')}_{number}_{seed}.pt"
-    train_member(GammaNet(replace(NetConfig(), **variant.net)), learnt, held_out, config, path,
+    train_member(GammaNet(replace(SHIPPED_NET, **variant.net)), learnt, held_out, config, path,
                  cores=max((os.cpu_count() or 1) // options.workers, 1))
     # Evaluate the best epoch; a network that never saw walls is shown none.
     net = read_member(path)[0]
@@ -93,7 +94,7 @@ def run_variant(options: argparse.Namespace, name: str, number: int, seed: int) 
             **measure_held_out(net, held_out, blind_share)}
 
 
-def _split(options: argparse.Namespace, variant: Variant, number: int
+def _split(options: argparse.Namespace, variant: Variant, config: TrainConfig, number: int
            ) -> tuple[TrainingData, TrainingData]:
     """Cast samples to learn from, and truly fused ones of the fold that is left out."""
     folders = [text for text in map(str, options.data)
@@ -102,7 +103,8 @@ def _split(options: argparse.Namespace, variant: Variant, number: int
     fold = assign_folds(everything.families)
     held_out = everything.select(np.array([fold[s.family] == number and fused for s, fused in
                                            zip(everything.samples, everything.fused)]))
-    learnt = load_data(argparse.Namespace(**{**vars(options), "data": folders, "scans": []}))
+    learnt = load_data(argparse.Namespace(**{**vars(options), "data": folders, "scans": []}),
+                       config)
     allowed = np.flatnonzero([fold[s.family] != number for s in learnt.samples])
     chosen = np.random.default_rng(options.seed).permutation(allowed)[
         :variant.scenes or len(allowed)]

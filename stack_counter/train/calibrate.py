@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joins trained members to the file that is shipped, with their errors on families left out.
 
-    python -m stack_counter.train.calibrate RUN --scans SCANS --one-view SINGLE --out WEIGHTS
+    python -m stack_counter.train.calibrate RUN --scans SCANS --one-view SINGLE \
+        --pictures PICTURES --out WEIGHTS
 
 Each truly fused scan is counted by the one member that never saw its family; the scores are of the
 whole count, gamma and V together.
@@ -144,12 +145,16 @@ def summarize_errors(residuals: list[Residual]) -> dict[str, float]:
             "count_median_relative_error": float(np.median(np.abs(count_errors)))}
 
 
-def summarize_all_errors(around: list[Residual], one_side: list[Residual]) -> dict[str, float]:
-    """Errors of all scans, of those whose container was found, and of single views of those."""
-    found = summarize_errors([r for r in around if r.scan.found])
-    single = summarize_errors([r for r in one_side if r.scan.found])
-    metrics = {**summarize_errors(around), **{f"{name}_found": x for name, x in found.items()},
-               **{f"{name}_one_view": x for name, x in single.items()}}
+def summarize_all_errors(residuals: dict[str, list[Residual]]) -> dict[str, float]:
+    """Errors of all scans from around, and of those whose container was found, however seen.
+
+    Args:
+        residuals: by how the stacks were seen: "" from around, "_one_side", "_pictures".
+    """
+    metrics = summarize_errors(residuals[""])
+    for suffix, group in residuals.items():
+        found = summarize_errors([r for r in group if r.scan.found])
+        metrics |= {f"{name}{suffix or '_found'}": x for name, x in found.items()}
     return {name: round(value, 4) for name, value in metrics.items()}
 
 
@@ -163,20 +168,23 @@ def main() -> int:
     members = {int(path.stem.partition("_")[2]): read_member(path, options.encoder_weights)[0]
                for path in paths}
     fold = assign_folds(json.loads((options.run / "families.json").read_text()))
-    scans, single = read_scans(options.scans), read_scans(options.one_view)
+    groups = {"": read_scans(options.scans), "_one_side": read_scans(options.one_view)}
+    if options.pictures is not None:
+        groups["_pictures"] = read_scans(options.pictures)
     # Measure their errors.
-    domain = fit_training_domain(scans + single)
+    domain = fit_training_domain(groups[""] + groups["_one_side"])
     levels = list(KnownLevel) if knows_form(next(iter(members.values()))) else [KnownLevel.VOLUME]
-    around, one_side = ([count_with_members(members, group, fold, domain, level)
-                         for level in levels] for group in (scans, single))
+    residuals = {suffix: [count_with_members(members, scans, fold, domain, level)
+                          for level in levels] for suffix, scans in groups.items()}
     calibration = {
-        "scores": np.array([scores_where_found(r) for r in around]),
-        "scores_one_side": np.array([scores_where_found(r) for r in one_side]),
-        "centers": np.array([[median_log_error(a), median_log_error(o)]
-                             for a, o in zip(around, one_side)]),
+        **{f"scores{suffix}": np.array([scores_where_found(r) for r in by_level])
+           for suffix, by_level in residuals.items()},
+        "centers": np.array([[median_log_error(r) for r in by_level]
+                             for by_level in residuals.values()]).T,
         **asdict(domain)}
-    errors = {level.name.lower(): summarize_all_errors(a, o)
-              for level, a, o in zip(levels, around, one_side)}
+    errors = {level.name.lower(): summarize_all_errors(
+        {suffix: by_level[i] for suffix, by_level in residuals.items()})
+        for i, level in enumerate(levels)}
     # Write.
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True,
                             text=True, check=False).stdout.strip()
@@ -185,7 +193,7 @@ def main() -> int:
     graph = export_ensemble(nets) if options.encoder_weights is None else None
     save_members(options.out, nets, facts, calibration, graph)
     print(json.dumps(errors, indent=2))
-    _print_by_container(around[0])
+    _print_by_container(residuals[""][0])
     return 0
 
 
@@ -195,6 +203,8 @@ def _parse_arguments() -> argparse.Namespace:
     parser.add_argument("--scans", type=Path, required=True)
     parser.add_argument("--one-view", type=Path, required=True, metavar="DIR",
                         help="scans of one view each, for stacks that are seen from one side")
+    parser.add_argument("--pictures", type=Path, metavar="DIR",
+                        help="scans of pictures without depth (train.scans --pictures)")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--encoder-weights", type=Path, metavar="DIR", help="of DINOv2")
     parser.add_argument("--version", default="1", help="version that every count names")

@@ -81,8 +81,8 @@ def train_fold(options: argparse.Namespace, number: int) -> None:
               flush=True)
 
 
-def load_data(options: argparse.Namespace) -> TrainingData:
-    """Loads samples of the folders (`DIR` or `DIR:WEIGHT`) and fused scans.
+def load_data(options: argparse.Namespace, config: TrainConfig = TrainConfig()) -> TrainingData:
+    """Loads samples of the folders (`DIR` or `DIR:WEIGHT`) and fused scans, weighted.
 
     Raises:
         ConfigError: there is nothing, or a weight is no number.
@@ -103,16 +103,22 @@ def load_data(options: argparse.Namespace) -> TrainingData:
         raise ConfigError(f"no scenes in {list(map(str, options.data))}; expected shard_*.npz")
     fused = [scan.sample for folder in options.scans for scan in read_scans(folder)
              if scan.found]
-    by_family = np.array(weights) * family_weights([s.family for s in samples])
+    by_family = np.array(weights) * family_weights([s.family for s in samples],
+                                                   config.family_exponent)
     return TrainingData(samples + fused, [False] * len(samples) + [True] * len(fused),
-                        np.append(by_family, [TrainConfig.fused_weight] * len(fused)))
+                        np.append(by_family, [config.fused_weight] * len(fused)))
 
 
-def family_weights(families: list[str]) -> np.ndarray:
-    """(n,) weights of samples, 1 in the mean, by which large groups of families weigh less."""
+def family_weights(families: list[str], exponent: float) -> np.ndarray:
+    """(n,) weights of samples, 1 in the mean, by which large groups of families weigh less.
+
+    Args:
+        families: of each sample.
+        exponent: see `TrainConfig.family_exponent`.
+    """
     _, group, size = np.unique([family_group(family) for family in families],
                                return_inverse=True, return_counts=True)
-    weights = size[group] ** -TrainConfig.family_exponent
+    weights = size[group] ** -exponent
     return weights / weights.mean()
 
 

@@ -26,6 +26,7 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
+from stack_counter.errors import ConfigError
 from stack_counter.files import shipped_weights
 from stack_counter.occupancy.checkpoint import load_members
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
@@ -273,12 +274,16 @@ def main() -> int:
     options = parser.parse_args()
     level = KnownLevel[options.level.upper()]
     checkpoint = load_members(options.weights)
+    centers = np.atleast_2d(checkpoint.calibration["centers"])
+    if level >= len(centers):
+        raise ConfigError(f"--level {options.level}: {options.weights} knows v alone; expected "
+                          "--level volume")
     domain = TrainingDomain(*(checkpoint.calibration[name]
                               for name in ("middle", "whiten", "reach")))
     fold = assign_folds(json.loads(options.families.read_text()))
     models = []
     for folder, title, center in zip((options.scans, options.one_view), ("around", "one side"),
-                                     np.atleast_2d(checkpoint.calibration["centers"])[level].tolist()):
+                                     centers[level].tolist()):
         residuals = count_with_members(dict(enumerate(checkpoint.members)), read_scans(folder),
                                        fold, domain, level)
         models.append(fit_with_scores(group_by_rig(residuals, center), title))

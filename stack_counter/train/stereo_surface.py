@@ -15,19 +15,17 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 import cv2
 import numpy as np
 from scipy import optimize
 
-from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, network_channels
-from stack_counter.pipeline import StackCounter
 from stack_counter.reconstruction.integral import fill_unknown_cells
-from stack_counter.sim import Scene, read_scenes, record
+from stack_counter.sim import Scene, read_scenes, reconstruct_from_pictures
 from stack_counter.train.data.degrade import degrade_like_fusion
 from stack_counter.train.data.heights import Sample
 from stack_counter.train.data.stereo_surface import SETTINGS as SHIPPED
@@ -43,7 +41,6 @@ from stack_counter.train.data.surface_pairs import (
     write_pairs,
 )
 from stack_counter.train.data.surface_patches import classify, inside, patches_of
-from stack_counter.types import Intrinsics
 
 
 @dataclass(frozen=True)
@@ -51,9 +48,7 @@ class FitSettings:
     """How pairs are made and the model is fitted; all chosen.
 
     Attributes:
-        views: pictures of a scene.
         widths_px: widths of the pictures, in turn.
-        field: focal length over the width.
         largest_error: median distance of the two surfaces, part lengths, above which a pair is
             left out: its container was not found for what it is.
         fewest_cells: cells of a pair that is used.
@@ -63,9 +58,7 @@ class FitSettings:
         evaluations: of the model over all pairs.
     """
 
-    views: int = 24
     widths_px: tuple[int, ...] = (640, 480, 640, 320)
-    field: float = 610 / 640
     largest_error: float = 0.15
     fewest_cells: int = 400
     band_px: tuple[float, ...] = (0.7, 1.4, 2.8, 5.6, 11.2)
@@ -124,15 +117,8 @@ def _make_pairs(folder: Path, texts: list[str]) -> None:
 
 def make_pairs_of_scene(scene: Scene, name: str, width_px: int) -> list[SurfacePair]:
     """Records a scene and reconstructs it from pictures; none where that is refused."""
-    height_px, focal = width_px * 3 // 4, SETTINGS.field * width_px
-    camera = Intrinsics(width_px, height_px, focal, focal, (width_px - 1) / 2,
-                        (height_px - 1) / 2)
-    views = record(scene, SETTINGS.views, intrinsics=camera, labels=True)
-    stack = StackCounter(ReconstructorConfig(), scene.truth.unit_volume)
     try:
-        for view in views:
-            stack.add_view(replace(view, depth=None))
-        return [make_pair(scene, stack.volume(), name)]
+        return [make_pair(scene, reconstruct_from_pictures(scene, width_px=width_px), name)]
     except StackCounterError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return []

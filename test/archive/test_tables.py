@@ -9,7 +9,6 @@ import pytest
 from kits.outcomes import line, outcome
 
 from stack_counter.archive.tables import last_outcomes, require_pyarrow, write_tables
-from stack_counter.display.result_schema import log_column_kinds, log_columns
 from stack_counter.errors import ConfigError
 
 parquet = pytest.importorskip("pyarrow.parquet", reason="no pyarrow: pip install "
@@ -40,13 +39,14 @@ def test_the_schema_does_not_depend_on_the_rows(tmp_path):
     assert none.schema == error.schema == some.schema
 
 
-def test_kinds_are_those_of_the_columns():
-    assert list(log_column_kinds()) == list(log_columns({}))
-    kinds = log_column_kinds()
-    assert (kinds["count"], kinds["gamma"], kinds["stamp"], kinds["views.used"]) \
-        == ("integer", "number", "string", "integer")
-    assert (kinds["fill_level.1"], kinds["count_interval.0"], kinds["reasons"]) \
-        == ("number", "integer", "string")
+def test_columns_have_the_types_of_their_values(tmp_path):
+    _, table = tables(tmp_path, [])
+    types = {name: str(table.schema.field(name).type) for name in table.column_names}
+    assert {name: types[name] for name in ("count", "gamma", "views.used", "fill_level.1",
+                                           "reasons", "overfilled", "net_weight_kg", "stamp")} == {
+        "count": "int64", "gamma": "double", "views.used": "int64", "fill_level.1": "double",
+        "reasons": "string", "overfilled": "bool", "net_weight_kg": "double",
+        "stamp": "timestamp[us, tz=UTC]"}
 
 
 def test_a_later_outcome_takes_the_place_of_chance_and_of_the_same_result():

@@ -18,7 +18,7 @@ from stack_counter.bag.bag_views import subscribed_topics
 from stack_counter.bag.camera_topics import fit_camera_to_bag
 from stack_counter.bag.reader import BagReader
 from stack_counter.config import CollectorConfig
-from stack_counter.ros.player import message_type
+from stack_counter.ros.standard_messages import message_type
 from stack_counter.views.rig import load_rig
 from stack_counter.views.rig_assembler import RigAssembler
 

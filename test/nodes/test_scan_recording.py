@@ -21,7 +21,7 @@ from stack_counter.bag.bag_views import read_views
 from stack_counter.bag.reader import BagReader
 from stack_counter.cli import main
 from stack_counter.config import CollectorConfig
-from stack_counter.ros.player import message_type
+from stack_counter.ros.standard_messages import message_type
 from stack_counter.views.rig import load_rig
 from stack_counter.views.rig_assembler import RigAssembler
 

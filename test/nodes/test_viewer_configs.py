@@ -12,7 +12,7 @@ import pytest
 import yaml
 from kits.interface_table import full, table
 
-from stack_counter.ros.player import message_type
+from stack_counter.ros.standard_messages import message_type
 
 ROOT = Path(__file__).parents[2]
 LATCHED = {"/stack_counter/surface", "/stack_counter/markers", "/stack_counter/count_marker"}

@@ -53,6 +53,17 @@ def test_what_is_known_of_the_form_matters_to_a_network_that_reads_it():
         assert torch.equal(plain(x)[0], plain(x, something)[0])
 
 
+def test_what_is_known_modulates_the_features():
+    """It reads them otherwise; that it also stands beside them is not enough."""
+    torch.manual_seed(0)
+    net, x = GammaNet(replace(SMALL, knows_form=True)).eval(), network_inputs(2)
+    known = torch.ones(2, KNOWN_VALUES)
+    with torch.no_grad():
+        before = net(x, known)[0]
+        torch.nn.init.normal_(net.modulation.weight, std=0.5)
+        assert not torch.allclose(net(x, known)[0], before)
+
+
 def test_the_resolution_matters_to_a_network_that_reads_it():
     torch.manual_seed(0)
     net, x = GammaNet(replace(SMALL, knows_resolution=True)).eval(), network_inputs(2)

@@ -22,7 +22,7 @@ from stack_counter.occupancy.resolution import resolution_values
 from stack_counter.occupancy.weights_file import save_tuning
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.informed_gamma import estimate_occupancy, estimator_of_part
-from stack_counter.types import Container, KnownForm, MeshMeasures
+from stack_counter.types import Container, KnownForm, MeshMeasures, Reason
 
 V = 0.012**3
 # Nothing is known of the part, nor how finely the surface was measured.
@@ -201,6 +201,34 @@ def test_what_is_known_of_the_form_changes_the_estimate_and_its_name(tmp_path):
     assert len({e.gamma for e in estimates}) == 3
     assert [e.scores.max() for e in estimates] == [1, 2, 3]
     assert by_level[2].last_layer_input(volume, V).shape == net.last_layer_input(volume, V).shape
+
+
+def test_pictures_have_scores_of_their_own_where_they_were_measured(tmp_path, weights):
+    volume = stack_volume_of_heights(sine_hills(1.0))
+    pictures = replace(volume, reasons=(Reason.DEPTH_FROM_PICTURES,))
+    without = network(weights).estimate(pictures, V)
+    measured = write_weights(tmp_path, scores_pictures=np.linspace(-5, 5, 11),
+                             centers=np.array([0.1, 0.0, 0.4]))
+    seen, by_pictures = (network(measured).estimate(v, V) for v in (volume, pictures))
+    assert by_pictures.scores.max() == 5 and seen.scores.max() == 2
+    assert by_pictures.gamma == pytest.approx(seen.gamma * np.exp(0.3))
+    assert without.scores.max() == 2 and without.gamma == pytest.approx(seen.gamma)
+
+
+def test_scores_of_too_few_levels_are_refused(tmp_path):
+    path = write_weights(tmp_path, config=replace(SMALL_NET, knows_form=True))
+    with pytest.raises(WeightsError, match="1 levels of knowledge; expected 3"):
+        network(path)
+
+
+def test_a_tuned_network_that_knows_the_form_stays_tuned(tmp_path):
+    path = write_weights(tmp_path, config=replace(SMALL_NET, knows_form=True), **KNOWING)
+    net, volume, size = network(path), stack_volume_of_heights(sine_hills(1.0)), KnownForm(
+        (0.03, 0.02, 0.01))
+    known = net.knowing(size).estimate(volume, V)
+    save_tuning(tmp_path / "tuned.safetensors", np.zeros((2, 16)), 0.3, net.name)
+    tuned = net.tuned(tmp_path / "tuned.safetensors").knowing(size)
+    assert tuned.estimate(volume, V).gamma > known.gamma
 
 
 def test_a_network_that_reads_no_form_stays_as_it_is(weights):

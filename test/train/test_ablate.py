@@ -31,13 +31,13 @@ def test_a_variant_changes_settings_that_there_are(variant):
 
 
 def test_a_variant_is_measured_at_each_level_of_knowledge(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(ablate, "NetConfig", lambda: SMALL)
-    monkeypatch.setattr(ablate, "load_data", lambda _: data(16))
+    monkeypatch.setattr(ablate, "SHIPPED_NET", replace(SMALL, knows_form=True))
+    monkeypatch.setattr(ablate, "load_data", lambda *_: data(16))
     monkeypatch.setattr(ablate, "assign_folds", lambda _: {"nut": 0, "tube": 1})
     options = argparse.Namespace(data=["x"], scans=[], out=tmp_path, epochs=1, seed=0, workers=1)
-    rows = [ablate.run_variant(options, name, 1, 0) for name in ("as shipped", "knows the form")]
+    rows = [ablate.run_variant(options, name, 1, 0) for name in ("knows v alone", "as shipped")]
     assert [row["scenes"] for row in rows] == [8, 8]
     assert "mae_mesh" not in rows[0] and rows[1]["mae_mesh"] > 0
     ablate.print_table(rows, [row["variant"] for row in rows])
     first, second = capsys.readouterr().out.splitlines()[-2:]
-    assert first.startswith("as shipped") and "mesh known" in second
+    assert first.startswith("knows v alone") and "mesh known" in second

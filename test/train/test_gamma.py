@@ -183,20 +183,27 @@ def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys, 
         member.train_member(net, data(16), data(8), config, run / f"member_{k}.pt")
     samples = [sample(i, families[i % 2]) for i in range(20)]
     write_samples(scans / "a.npz", samples, more=np.tile([1e-3, 1e-3, 1e-5, 1], (20, 1)))
-    out = tmp_path / "gamma.safetensors"
+    out, pictures = tmp_path / "gamma.safetensors", tmp_path / "pictures"
+    pictures.mkdir()
+    write_samples(pictures / "a.npz", [replace(s, resolution_m=0.003, from_pictures=True) for s in
+                                       samples[:8]],
+                  more=np.tile([1e-3, 1e-3, 1e-5, 1], (8, 1)))
     monkeypatch.setattr("sys.argv", ["calibrate", str(run), "--scans", str(scans), "--one-view",
-                                     str(scans), "--out",
+                                     str(scans), "--pictures", str(pictures), "--out",
                                      str(out), "--version", "t1"])
     assert calibrate.main() == 0
     assert "gamma_mae" in capsys.readouterr().out
     network = NetworkEstimator(out, Prior(Baselines()))
     assert network.name == "network t1" and len(exported) == 5
-    assert network._scores.shape == (3 if knows_form else 1, 20)
+    levels = 3 if knows_form else 1
+    assert [scores.shape for scores in network._scores] == [
+        (levels, 20), (levels, 20), (levels, 8)]
+    assert network._centers.shape == (levels, 3)
     assert network._domain.distance(samples[0].maps) < 1.5
 
 
 def test_large_groups_of_families_weigh_less():
-    weights = gamma.family_weights(["nut_small"] * 15 + ["nut"] + ["tube"])
+    weights = gamma.family_weights(["nut_small"] * 15 + ["nut"] + ["tube"], 0.75)
     assert weights.mean() == pytest.approx(1) and weights[0] == weights[15]
     assert weights[16] / weights[0] == pytest.approx(8)  # 16 to the power of 0.75
 

@@ -22,7 +22,7 @@ from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.occupancy.known_form import form_of_mesh
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
 from stack_counter.progress import progress
-from stack_counter.sim import Scene, Shape, ideal_surface, reconstruct
+from stack_counter.sim import Scene, Shape, ideal_surface, reconstruct, reconstruct_from_pictures
 from stack_counter.tasks import Workers, map_tasks
 from stack_counter.types import Container, HeightMap, KnownForm, StackVolume, ViewTally
 
@@ -31,18 +31,20 @@ ROWS = {"Mean": "prior", "DepthExtrapolated": "depth_extrapolated",
         "DepthCorrected": "depth_corrected", "direct count": "direct", "ours": "network"}
 # Bounds of the fill by which the tables group scenes; seed of the recordings. Chosen.
 _FILLS, _SEED = ((0.0, 0.25), (0.25, 0.6), (0.6, 9.0)), 0
+_SEEN = {"pictures": "pictures without depth"}
 
 
 def report_cases(options: argparse.Namespace, title: str,
                  format_table: Callable[[list[Case]], str]) -> int:
     """Measures, prints the table under a title and writes the cases; returns the exit code."""
     cases = measure_cases(options)
-    print(f"{options.set}: {title} of {len(cases)} scenes, {options.depth} depth")
+    seen = _SEEN.get(options.depth, f"{options.depth} depth")
+    print(f"{options.set}: {title} of {len(cases)} scenes, {seen}")
     print(format_table(cases))
     if options.json:
         write_figures(options.json, cases)
     if options.plot:
-        plot_complexity(cases, f"{options.set}, {options.depth} depth", options.plot)
+        plot_complexity(cases, f"{options.set}, {seen}", options.plot)
     return 0
 
 
@@ -66,10 +68,15 @@ def _load_estimator(name: str, weights: Path | None) -> OccupancyEstimator:
 
 def _measure_case(scene: Scene, depth: str, views: int, confidence: float,
                   weights: Path | None) -> Case:
-    """One scene, through the pipeline or as it is (`depth` noisy or ideal), by all estimators."""
+    """One scene by all estimators, through the pipeline or as it is: `depth` as of the command."""
     truth, guesses, volume_error = scene.truth, {}, np.nan
     try:
-        volume = ideal_volume(scene) if depth == "ideal" else reconstruct(scene, _SEED, views)
+        if depth == "ideal":
+            volume = ideal_volume(scene)
+        elif depth == "pictures":
+            volume = reconstruct_from_pictures(scene, views)
+        else:
+            volume = reconstruct(scene, _SEED, views)
         volume_error = volume.stack_volume / truth.stack_volume - 1
         for row, estimator in _estimators(scene.shape, weights).items():
             guesses[row] = _guess_count(estimator, volume, truth.unit_volume, confidence)

@@ -75,6 +75,14 @@ def record(scene: Scene, views: int = 12, seed: int = 0, color: bool = True,
     return recorded if labels else [replace(view, labels=None) for view in recorded]
 
 
+def scaled_camera(width_px: int) -> Intrinsics:
+    """`CAMERA` with pictures of another width, which show the same."""
+    scale = width_px / CAMERA.width
+    return Intrinsics(width_px, round(CAMERA.height * scale), CAMERA.fx * scale,
+                      CAMERA.fy * scale, (CAMERA.cx + 0.5) * scale - 0.5,
+                      (CAMERA.cy + 0.5) * scale - 0.5)
+
+
 def record_fixed_camera(states: list[Scene], seed: int = 0, color: bool = True) -> list[View]:
     """Records a view of each state of a scene by one fixed camera above, calibrated once.
 

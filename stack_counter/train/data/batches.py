@@ -36,8 +36,7 @@ class AugmentationSettings:
 
     Attributes:
         blind_share: share of tiles without walls and floor, as a single view gives them.
-        picture_share: share of the cast surfaces that are degraded as stereo on pictures does; 0
-            for a network that reads depth cameras alone.
+        picture_share: share of the cast surfaces that are degraded as stereo on pictures does.
         quarter_turn_share: share of tiles turned by quarters, which leaves the pixels as they
             are.
         least_play_px: least distance by which a tile's middle is moved at random.
@@ -50,7 +49,7 @@ class AugmentationSettings:
     """
 
     blind_share: float = 0.08
-    picture_share: float = 0.0
+    picture_share: float = 0.25
     quarter_turn_share: float = 0.5
     least_play_px: float = 4
     cut_play: float = 0.9
@@ -178,9 +177,9 @@ def make_input(sample: Sample, as_is: bool, seed: tuple[int, ...],
 
 
 def fused_resolution(sample: Sample) -> np.ndarray:
-    """(RESOLUTION_VALUES,) of a sample's surface as views with depth are fused."""
-    voxel = voxel_size_for(sample.part_length_m**3)
-    return resolution_values(voxel / sample.part_length_m, from_pictures=False)
+    """(RESOLUTION_VALUES,) of a sample's surface; of a cast one as views with depth are fused."""
+    length = sample.resolution_m or voxel_size_for(sample.part_length_m**3)
+    return resolution_values(length / sample.part_length_m, sample.from_pictures)
 
 
 def target_tensor(samples: list[Sample]) -> torch.Tensor:

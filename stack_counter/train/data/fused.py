@@ -4,15 +4,19 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from stack_counter.errors import StackCounterError
 from stack_counter.occupancy.maps import stack_maps
-from stack_counter.sim import RECONSTRUCTED_KIND, Scene, reconstruct, reconstruct_from_above
+from stack_counter.sim import RECONSTRUCTED_KIND, Scene, reconstruct
 from stack_counter.train.data.heights import Sample, label_maps, read_samples
+from stack_counter.types import Reason, StackVolume
+
+Reconstruct = Callable[[Scene], StackVolume]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,19 +38,25 @@ class FusedScan:
     found: bool
 
 
-def reconstruct_sample(scene: Scene, one_view: bool = False) -> FusedScan | None:
-    """Records and reconstructs a scene from an arc of views, or from one view above.
+def reconstruct_sample(scene: Scene, how: Reconstruct = reconstruct) -> FusedScan | None:
+    """Records and reconstructs a scene.
+
+    Args:
+        scene: what is recorded.
+        how: records and reconstructs it.
 
     Returns:
         None, with a line on stderr, if the scan is refused.
     """
     try:
-        volume = reconstruct_from_above(scene) if one_view else reconstruct(scene)
+        volume = how(scene)
         maps = stack_maps(volume, scene.truth.unit_volume)
     except StackCounterError as error:
         print(f"scene {scene.seed}:{scene.index}: {error}", file=sys.stderr)
         return None
-    return FusedScan(label_maps(maps, scene), scene.truth.stack_volume, volume.stack_volume,
+    sample = replace(label_maps(maps, scene), resolution_m=volume.resolution_m,
+                     from_pictures=Reason.DEPTH_FROM_PICTURES in volume.reasons)
+    return FusedScan(sample, scene.truth.stack_volume, volume.stack_volume,
                      volume.stack_volume_std,
                      volume.container.kind == RECONSTRUCTED_KIND[scene.container.kind])
 

@@ -25,7 +25,7 @@ from stack_counter.sim import Scene, ideal_surface, read_shard
 # Format of the stored samples.
 _STEPS_PER_LENGTH = 500  # a part length
 _LARGEST_HEIGHT = 65  # part lengths that 16 bits hold
-_CACHE_VERSION = "heights 5"
+_CACHE_VERSION = "heights 6"
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,8 @@ class Sample:
         fill: share of the container that was to be filled.
         known: (KNOWN_VALUES,) float32 of `known_form.known_values`, the mesh being known.
         seen_by: (rows, cols) uint8, how many views of the arc see each cell; None if not cast.
+        resolution_m: length that a reconstructed surface resolves, metres; 0 if cast.
+        from_pictures: it was reconstructed from pictures without depth.
     """
 
     maps: StackMaps
@@ -82,6 +84,8 @@ class Sample:
     fill: float
     known: np.ndarray = field(default_factory=lambda: np.zeros(KNOWN_VALUES, np.float32))
     seen_by: np.ndarray | None = None
+    resolution_m: float = 0.0
+    from_pictures: bool = False
 
     @property
     def seen_share(self) -> np.ndarray:
@@ -188,7 +192,9 @@ def write_samples(path: Path, samples: list[Sample], **more: np.ndarray) -> None
         np.savez_compressed(file, **arrays, **more, facts=facts, names=[s.name for s in samples],
                             families=[s.family for s in samples],
                             kinds=[s.container_kind for s in samples],
-                            known=np.array([s.known for s in samples], np.float32))
+                            known=np.array([s.known for s in samples], np.float32),
+                            resolution_m=[s.resolution_m for s in samples],
+                            from_pictures=[s.from_pictures for s in samples])
     unfinished.replace(path)
 
 
@@ -200,11 +206,12 @@ def read_samples(path: Path) -> list[Sample]:
     """
     samples = []
     with np.load(path, allow_pickle=False) as file:
-        if "known" not in file:
-            raise ConfigError(f"{path} is of an older version, without what is known of parts; "
+        if "resolution_m" not in file:
+            raise ConfigError(f"{path} is of an older version, without the surfaces' resolution; "
                               "expected none: delete it and run the command that made it again")
-        facts, names, families, kinds, known = (
-            file[n] for n in ("facts", "names", "families", "kinds", "known"))
+        facts, names, families, kinds, known, resolution_m, from_pictures = (
+            file[n] for n in ("facts", "names", "families", "kinds", "known", "resolution_m",
+                              "from_pictures"))
         for i, (gamma, *logs, part_length, count, fill, walled) in enumerate(facts):
             top, height = (file[f"{i}_{name}"].astype(np.float32) / _STEPS_PER_LENGTH
                            for name in ("top", "height"))
@@ -212,7 +219,8 @@ def read_samples(path: Path) -> list[Sample]:
             maps = make_maps(top, top - height, valid, bool(walled))
             samples.append(Sample(maps, gamma, np.array(logs, np.float32), part_length,
                                   str(names[i]), str(families[i]), str(kinds[i]), int(count),
-                                  fill, known[i], file.get(f"{i}_seen_by")))
+                                  fill, known[i], file.get(f"{i}_seen_by"),
+                                  float(resolution_m[i]), bool(from_pictures[i])))
     return samples
 
 

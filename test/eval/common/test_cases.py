@@ -10,6 +10,7 @@ from kits.gamma_weights import KNOWING, SMALL_NET, write_gamma_weights
 
 from stack_counter.cli import main
 from stack_counter.eval import count, gamma
+from stack_counter.eval.common import cases
 from stack_counter.eval.common.case import Case, Guess
 from stack_counter.eval.common.cases import ROWS, group_cases, ideal_volume
 from stack_counter.eval.common.plot import plot_complexity
@@ -88,6 +89,20 @@ def test_the_command_prints_and_writes(tmp_path, capsys):
     cases = json.loads(out.read_text())
     assert len(cases) == 3 and set(cases[0]["guesses"]) == set(ROWS)
     assert main(["evaluate", "count", "--set", "nowhere"]) == 2
+
+
+def test_pictures_are_counted_without_their_depth(monkeypatch, capsys):
+    """Stereo itself takes half a minute: what it is asked for stands in its place."""
+    asked = []
+
+    def reconstruct(scene, views):
+        asked.append((scene.index, views))
+        return ideal_volume(scene)
+    monkeypatch.setattr(cases, "reconstruct_from_pictures", reconstruct)
+    assert main(["evaluate", "count", "--set", "unseen", "--scenes", "3", "--depth", "pictures",
+                 "--views", "24"]) == 0
+    assert "of 3 scenes, pictures without depth" in capsys.readouterr().out
+    assert [views for _, views in asked] == [24] * 3
 
 
 def test_a_network_that_reads_the_form_is_measured_at_each_level(tmp_path, capsys):
