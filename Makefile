@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # make setup: everything into .venv | demo: count a recorded bag twice | test: lint and tests
+# make docs: the documentation as a site, into out/docs/index.html; a warning is an error
 # make soak: many scans in a row, and every node killed in every state (some ten minutes)
 # PYTHON=/path/to/python3.12 make setup: with an interpreter of your choice (3.10 to 3.13)
 
@@ -8,10 +9,10 @@ DEMO := .venv/bin/stack-counter replay bags/demo
 # Puts this package's messages on the paths where ROS 2 is sourced; does nothing elsewhere.
 IN_VENV := source .venv/ros.bash &&
 
-.PHONY: help setup demo test lint soak clean
+.PHONY: help setup demo test lint docs soak clean
 
 help:
-	@sed -n '2,4s/^# //p' Makefile
+	@sed -n '2,5s/^# //p' Makefile
 
 setup:
 	@PYTHON="$(PYTHON)" bash scripts/setup.sh
@@ -29,6 +30,10 @@ lint: setup
 # Two processes of one thread each share the tests.
 test: lint
 	$(IN_VENV) OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n 2 --dist worksteal
+
+docs: setup
+	$(IN_VENV) .venv/bin/python -m sphinx -W --keep-going -E -q docs out/docs
+	@echo "out/docs/index.html"
 
 soak: setup
 	$(IN_VENV) PYTHONPATH="test:$$PYTHONPATH" .venv/bin/python test/nodes/soak.py

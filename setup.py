@@ -82,9 +82,21 @@ EXTRAS = {
     "view": ["foxglove-sdk>=0.30.3"],
     # Pictures without poses: structure from motion, EXIF and HEIC (no keys but pillow's).
     "pictures": ["pycolmap>=4.2.1", "pillow>=12.3", "pillow-heif>=1.8.1"],
+    # Counts of whole archives: tables, and clusters of machines (no keys).
+    "archive": ["pyarrow>=26.0.1", "ray>=2.60"],
+    # Results for stations that speak no ROS (no keys).
+    "mqtt": ["aiomqtt>=2.5.1"],
+    "opcua": ["asyncua>=2.1"],
     # STEP files of parts (no key).
     "cad": ["cascadio>=0.1.1"],
+    # The documentation site (no keys), for `make docs`.
+    "docs": [
+        "furo>=2025.12.19",
+        "myst-parser>=5.2; python_version >= '3.11'",
+        "sphinx>=9.0.4; python_version >= '3.11'",
+    ],
     "test": [
+        "amqtt>=0.12.1",  # (no key) an MQTT broker
         "jsonschema>=4.26",
         "mypy>=2.4",
         "pytest>=9.2",
@@ -114,7 +126,7 @@ if __name__ == "__main__":  # scripts/setup.sh imports the lists above
         python_requires=">=3.10,<3.14",
         packages=find_packages(include=[NAME, f"{NAME}.*"]),
         package_data={NAME: ["py.typed", "weights/*", "display/page/*.j2", "display/page/*.css",
-                              "display/page/*.js", "display/page/model_viewer/*"]},
+                              "display/page/*.js", "display/page/model_viewer/*", "archive/*.j2"]},
         data_files=[
             ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
             (f"share/{NAME}", ["package.xml"]),

@@ -226,10 +226,10 @@ SH
 }
 
 if [[ $mode == wheels ]]; then
-  extras="wheels sim train models robot cad pictures view test"
+  extras="wheels sim train models robot cad pictures view archive mqtt opcua docs test"
   setuptools="setuptools>=77"
 else
-  extras="sourced sim train models robot cad pictures view test"
+  extras="sourced sim train models robot cad pictures view archive mqtt opcua docs test"
   setuptools="setuptools>=70,<80"  # colcon calls setup.py in ways that later ones dropped
 fi
 

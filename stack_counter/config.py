@@ -9,23 +9,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from stack_counter import parameter_files
 from stack_counter.errors import ConfigError
 from stack_counter.named_region import REGIONS, NamedRegion, read_regions, write_regions
-
-
-def _setting(default: Any, doc: str, low: float | None = None, high: float | None = None,
-             choices: tuple[str, ...] = (), runtime: bool = False) -> Any:
-    """Makes a dataclass field with its description and range.
-
-    `runtime` tells whether the setting may change while its node is configured.
-    """
-    return field(default=default, metadata={"doc": doc, "low": low, "high": high,
-                                            "choices": choices, "runtime": runtime})
+from stack_counter.setting_fields import build_section
+from stack_counter.setting_fields import setting as _setting
 
 
 @dataclass(frozen=True)
@@ -107,7 +99,8 @@ class ReconstructorConfig:
     roi_size_m: tuple[float, ...] = _setting((0.0, 0.0, 0.0),
                                              "its size along world x y z, m; zeros: found", 0.0)
     regions: tuple[NamedRegion, ...] = _setting(
-        (), "named regions, each counted by itself, in place of roi_center_m and roi_size_m")
+        (), "named regions, each counted by itself, in place of roi_center_m and roi_size_m",
+        read=read_regions)
     support_height_m: float = _setting(math.nan, "world z of the plane that containers stand on, "
                                                  "m; .nan: found in what is seen")
     container: str = _setting("", "name of a taught container; empty: none")
@@ -139,6 +132,9 @@ class ReconstructorConfig:
                                           "stand, when there is no depth", 0.0, 1.0)
     scale_std: float = _setting(0.0, "relative standard deviation of all lengths in the poses, as "
                                      "of pictures scaled by a reference; adds to V's", 0.0, 0.3)
+    filling_level_cells: int = _setting(8, "cells of the filling level's grid along the "
+                                           "container's longer side; they are as square as can be",
+                                        1, 10)
     report_folder: str = _setting("", "folder into which the service write_report writes; empty: "
                                       "it does not")
 
@@ -180,12 +176,24 @@ class CounterConfig:
                                    0, 1000000000, runtime=True)
     tolerance: int = _setting(0, "largest deviation from expected_count that passes, parts",
                               0, 1000000000, runtime=True)
+    weight_topic: str = _setting("", "std_msgs/Float64, what the scale under the container shows, "
+                                     "kg; empty: no scale")
+    weight_kg: float = _setting(math.nan, "the same as a number, in place of the topic, kg; .nan: "
+                                          "none", runtime=True)
+    tare_kg: float = _setting(0.0, "weight of the empty container, which is taken off, kg", 0.0,
+                              100000.0, runtime=True)
+    weight_std_kg: float = _setting(0.005, "standard deviation of the parts' weight: of the scale "
+                                           "and of the tare, kg", 1e-6, 1000.0)
+    weight_max_age_s: float = _setting(10.0, "how old a stable weight may be to belong to a scan, "
+                                             "s", 0.1, 86400.0)
     timeout_s: float = _setting(60.0, "longest time of a scan that an action or service asks for "
                                       "without saying, s", 0.1, 86400.0, runtime=True)
     result_log: str = _setting("", "file to which a line is added for every final result: .csv, "
                                    "or .jsonl for JSON lines; empty: none")
     result_log_max_mb: float = _setting(100.0, "size of it and its older files together, MB; the "
                                                "oldest are deleted", 1.0, 1e8)
+    result_json: bool = _setting(False, "publish every final result on the topic result_json as "
+                                        "well: flat JSON, as stack-counter bridge reads it")
 
     def __post_init__(self) -> None:
         """Raises ConfigError where the log's name does not say how it is written."""
@@ -209,58 +217,6 @@ _SECTIONS: dict[str, type] = {"collector": CollectorConfig, "reconstructor": Rec
 SETTING_NAMES = {node: frozenset(f.name for f in dataclasses.fields(section))
                  for node, section in _SECTIONS.items()}
 Section = TypeVar("Section", CollectorConfig, ReconstructorConfig, CounterConfig)
-
-
-def build_section(section: type[Section], values: dict[str, Any]) -> Section:
-    """A checked settings object.
-
-    Args:
-        section: one of the settings classes.
-        values: settings by name; the others keep their defaults.
-
-    Raises:
-        ConfigError: unknown name, wrong type or value out of range.
-    """
-    fields = {f.name: f for f in dataclasses.fields(section)}
-    checked: dict[str, Any] = {}
-    for name, value in values.items():
-        if name not in fields:
-            near = parameter_files.nearest_name(name, fields)
-            raise ConfigError(f"unknown setting '{name}'; expected "
-                              + (f"'{near}'" if near else f"one of {sorted(fields)}"))
-        checked[name] = read_regions(value) if name == REGIONS \
-            else _check_value(fields[name], value)
-    return section(**checked)
-
-
-def _check_value(setting: dataclasses.Field, value: Any) -> Any:
-    default, meta = setting.default, setting.metadata
-    if isinstance(default, tuple):
-        if not isinstance(value, (list, tuple)) or any(
-                isinstance(x, bool) or not isinstance(x, (int, float)) for x in value):
-            raise ConfigError(f"{setting.name} is {value!r}; expected a list of numbers")
-        if len(value) != len(default):
-            raise ConfigError(f"{setting.name} has {len(value)} numbers; expected {len(default)}")
-        value = tuple(float(x) for x in value)
-        numbers = value
-    elif isinstance(default, float) and isinstance(value, (int, float)) \
-            and not isinstance(value, bool):
-        value = float(value)
-        if math.isnan(value) and math.isnan(default):  # not set; the same object compares equal
-            return default
-        numbers = (value,)
-    elif type(value) is not type(default):
-        raise ConfigError(f"{setting.name} is {value!r}; expected {type(default).__name__}")
-    else:
-        numbers = (value,) if isinstance(value, int) and not isinstance(value, bool) else ()
-    low, high = meta["low"], meta["high"]
-    for number in numbers:
-        if not math.isfinite(number) or (low is not None and number < low) \
-                or (high is not None and number > high):
-            raise ConfigError(f"{setting.name} is {value}; expected {low} to {high}")
-    if meta["choices"] and value not in meta["choices"]:
-        raise ConfigError(f"{setting.name} is '{value}'; expected one of {meta['choices']}")
-    return value
 
 
 def load_config(path: Path) -> Config:

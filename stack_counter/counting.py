@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from stack_counter.errors import PartError
-from stack_counter.types import OccupancyEstimate, Reason, StackCount, StackVolume
+from stack_counter.types import OccupancyEstimate, Reason, SourceCount, StackCount, StackVolume
 
 _ROUNDING = 1e-6  # of a part: an exact bound is not pushed to the next number by rounding
 
@@ -45,14 +45,19 @@ def make_count(volume: StackVolume, unit_volume: float, estimate: OccupancyEstim
         distribution = expected * np.exp(np.sort(estimate.scores) * spread)
         low, high = (expected * math.exp(conformal_quantile(estimate.scores, share) * spread)
                      for share in ((1 - confidence) / 2, (1 + confidence) / 2))
+    interval = whole_interval(low, count, high)
     result = StackCount(
-        count=count, count_interval=(min(math.floor(low + _ROUNDING), count),
-                                     max(math.ceil(high - _ROUNDING), count)),
+        count=count, count_interval=interval,
         confidence=confidence, gamma=estimate.gamma, gamma_std=estimate.gamma_std,
         unit_volume=unit_volume, volume=volume, estimator=estimate.estimator,
         gamma_shares=estimate.shares, counted_scans=estimate.counted_scans,
-        distribution=distribution)
+        distribution=distribution, sources=(SourceCount("vision", count, interval, 1.0),))
     return with_reasons(result, *volume.reasons, *estimate.reasons)
+
+
+def whole_interval(low: float, count: int, high: float) -> tuple[int, int]:
+    """Widens an interval to whole numbers of parts, and to hold the count."""
+    return (min(math.floor(low + _ROUNDING), count), max(math.ceil(high - _ROUNDING), count))
 
 
 def with_reasons(count: StackCount, *reasons: Reason) -> StackCount:

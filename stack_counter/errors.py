@@ -35,6 +35,10 @@ class WeightsError(StackCounterError):
     """A weights file is missing, damaged or of another estimator. The user names another file."""
 
 
+class LostWorkerError(StackCounterError):
+    """The processes that were to do a task have been killed. The user gives them more memory."""
+
+
 class ViewError(StackCounterError):
     """One view is refused; the scan goes on without it.
 
@@ -50,3 +54,16 @@ class ViewError(StackCounterError):
     def on(self, topic: str) -> ViewError:
         """Returns the error with the name of the topic that has given rise to it."""
         return ViewError(self.reason, f"{topic}: {self._message}")
+
+
+def exit_code_of(error: BaseException) -> int:
+    """Returns the exit code of a command that an error ends, or of one of its tasks.
+
+    2: the command line, part, configuration or a path, which the user mends; 3: a recording that
+    cannot give a count; 1: a defect of this package, or a worker that was lost.
+    """
+    if isinstance(error, (ConfigError, MeshError, PartError, WeightsError, OSError)):
+        return 2
+    if isinstance(error, StackCounterError) and not isinstance(error, LostWorkerError):
+        return 3
+    return 1

@@ -14,11 +14,19 @@ from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.informed_gamma import estimate_occupancy
 from stack_counter.types import StackCount, StackVolume
+from stack_counter.weighing import Weighing, use_weight
 
 
 def count_stack(volume: StackVolume, part: Part, estimator: OccupancyEstimator,
-                confidence: float) -> StackCount:
+                confidence: float, weighing: Weighing | None = None) -> StackCount:
     """Estimates gamma, joined with what is known of the part, and counts.
+
+    Args:
+        volume: of the stack.
+        part: what is in it.
+        estimator: of gamma.
+        confidence: of the interval.
+        weighing: of the stack; None where there is no scale.
 
     Raises:
         ScanError: there is nothing to read gamma from.
@@ -27,4 +35,5 @@ def count_stack(volume: StackVolume, part: Part, estimator: OccupancyEstimator,
     begin = time.perf_counter()
     estimate = estimate_occupancy(volume, part, estimator)  # 7. gamma.
     count = make_count(volume, part.unit_volume, estimate, confidence)  # 8. gamma * V / v.
+    count = use_weight(count, weighing, part.piece_weight)  # 9. What the scale says.
     return replace(count, seconds={**volume.seconds, "gamma": time.perf_counter() - begin})

@@ -14,8 +14,9 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "stack_counter"
 
 # The ground: modules directly in the package. Each may import those before it.
-GROUND = ("errors", "types", "named_region", "parameter_files", "config", "rotations", "geometry",
-          "files", "pretrained", "inference", "counting", "child_processes", "progress")
+GROUND = ("errors", "types", "named_region", "parameter_files", "setting_fields", "config",
+          "rotations", "geometry", "files", "pretrained", "inference", "counting", "weighing",
+          "scale_readings", "child_processes", "ray_actors", "tasks", "progress")
 # Package -> which others it may import besides the ground; only what stands above it here.
 LAYERS = {
     "lean_open3d": (), "views": ("lean_open3d",), "fusion": ("lean_open3d",), "display": (),
@@ -32,8 +33,10 @@ LAYERS = {
     "region_counters": ("pipeline",),
     "bag": ("views", "segmentation", "occupancy", "parts", "stack_count", "pipeline",
             "region_counters"),
+    "archive": ("display", "occupancy", "parts", "bag"),
     "pictures": ("bag",),
-    "ros": ("views", "display", "bag"),
+    "bridges": ("display",),
+    "ros": ("views", "display", "bag", "bridges"),
     "nodes": ("views", "display", "occupancy", "parts", "stack_count", "region_counters",
               "bag.recorder", "ros"),
     "sim": ("lean_open3d", "occupancy", "pipeline", "bag"),
@@ -61,7 +64,10 @@ LIBRARIES = {
     r"onnxruntime": "inference",
     r"sapien|coacd|manifold3d": "sim",
     r"matplotlib": "sim train eval",
-    r"jinja2": "display",
+    r"jinja2": "display archive",
+    r"ray": "ray_actors",
+    r"pyarrow": "archive",
+    r"aiomqtt|paho|asyncua": "bridges",
 }
 ROS_AND_BAGS = ("rclpy", "mcap", "rosbags", "sapien", "coacd", "manifold3d")
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))

@@ -13,7 +13,7 @@ from stack_counter.bag.formats.opening import PACKED, SUFFIXES
 from stack_counter.bag.scan_file import finished_recordings
 from stack_counter.errors import BagError
 
-_METADATA = "metadata.yaml"
+METADATA = "metadata.yaml"
 EXPECTED = "expected a rosbag2 folder or an .mcap, .db3 or .bag file"
 # What recorders add to the name of a bag for each of its files; ROS 1 adds the time as well.
 _PART = re.compile(r"((_|^)\d{4}(-\d\d){5})?_\d+$")
@@ -28,11 +28,11 @@ def find_recordings(path: Path) -> list[Path]:
     """
     if not path.exists():
         raise FileNotFoundError(f"no bag {path}; {EXPECTED}")
-    if path.name == _METADATA:
+    if path.name == METADATA:
         path = path.parent
     if path.is_file():
         return [path]
-    if (path / _METADATA).is_file():
+    if (path / METADATA).is_file():
         return _listed_recordings(path)
     # A recorder that was killed leaves no metadata.yaml.
     paths = sorted(p for p in path.iterdir() if _bag_name(p) is not None and p.is_file())
@@ -46,6 +46,11 @@ def find_recordings(path: Path) -> list[Path]:
         raise BagError(f"{path} holds {len(names)} recordings and no metadata.yaml; expected one: "
                        f"name its file, e.g. {paths[-1]}")
     return paths
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a file is called as recordings are."""
+    return _bag_name(path) is not None
 
 
 def _bag_name(path: Path) -> str | None:
@@ -66,8 +71,8 @@ def _listed_recordings(folder: Path) -> list[Path]:
     missing = [name for name, path in zip(names, paths) if path is None]
     if missing or not names:
         raise BagError(f"{folder} lacks {', '.join(missing) or 'any file'}, named in its "
-                       f"{_METADATA}; expected all: copy what is missing there, or name a file, "
-                       f"or remove {_METADATA} to read what is left")
+                       f"{METADATA}; expected all: copy what is missing there, or name a file, "
+                       f"or remove {METADATA} to read what is left")
     return [path for path in paths if path is not None]
 
 
@@ -80,7 +85,7 @@ def _existing(path: Path) -> Path | None:
 
 def _read_metadata(folder: Path) -> dict[str, Any]:
     """The content of a rosbag2 folder's metadata.yaml."""
-    path = folder / _METADATA
+    path = folder / METADATA
     try:
         information = yaml.safe_load(path.read_text())["rosbag2_bagfile_information"]
         information["relative_file_paths"] = list(map(str, information["relative_file_paths"]))

@@ -128,6 +128,13 @@ class BagReader:
         times = [file.times_ns(topics) for file in self._files]
         return np.sort(np.concatenate(times)) - self.start_ns
 
+    def last_time_ns(self, topics: Set[str]) -> int:
+        """Log time of the last message of these topics in the part, ns; its end without one."""
+        end_ns = min(self.time_range.between(self.start_ns)[1],
+                     self.start_ns + self.duration_ns + 1)
+        last = [record.log_time_ns for record in self._last_before(topics, end_ns)]
+        return last[0] if last else end_ns
+
     def records(self, topics: Set[str], color_topics: Set[str] = frozenset()) -> Iterator[Record]:
         """Messages of the part of the bag in log-time order; of equal times, in file order.
 
@@ -167,13 +174,13 @@ class BagReader:
             yield from self._records_between({STATIC_TF_TOPIC}, 0, before_ns)
         for topic in sorted(topics):
             if self.topics.get(topic, ("", 0))[0] == _CAMERA_INFO:
-                yield from self._last_before(topic, before_ns)
+                yield from self._last_before({topic}, before_ns)
 
-    def _last_before(self, topic: str, before_ns: int) -> Iterable[Record]:
-        """The last message of a topic before a time, if there is one."""
+    def _last_before(self, topics: Set[str], before_ns: int) -> Iterable[Record]:
+        """The last message of topics before a time, if there is one."""
         look_back = SETTINGS.look_back_ns
         while True:
-            last = deque(self._records_between({topic}, before_ns - look_back, before_ns), 1)
+            last = deque(self._records_between(topics, before_ns - look_back, before_ns), 1)
             if last or before_ns - look_back <= self.start_ns:
                 return last
             look_back *= 10

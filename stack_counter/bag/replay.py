@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from stack_counter.bag.bag_scale import BagScale
 from stack_counter.bag.bag_views import BagViews, with_scale_of_bag
 from stack_counter.bag.feeding import feed_cycles, feed_scan
 from stack_counter.bag.replayed import (
@@ -41,6 +42,7 @@ from stack_counter.segmentation.prompts import read_prompts
 from stack_counter.segmentation.scan_labels import ScanLabels
 from stack_counter.stack_count import count_stack
 from stack_counter.types import PartRequest, Reason, StackCount, StackVolume, View, ViewTally
+from stack_counter.weighing import Weighing
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +52,14 @@ class _CountSettings:
     part: Part
     estimator: OccupancyEstimator
     confidence: float
+    weigh: Callable[[StackVolume], Weighing | None]
 
     def count(self, measured: RegionVolume) -> StackCount:
         """Raises ScanError: there is no volume, or nothing to read gamma from."""
         if measured.volume is None:
             raise ScanError(measured.error)
-        return count_stack(measured.volume, self.part, self.estimator, self.confidence)
+        return count_stack(measured.volume, self.part, self.estimator, self.confidence,
+                           self.weigh(measured.volume))
 
 
 def count_bag(path: str | Path, *, part: str = "", unit_volume: float = 0.0,
@@ -91,7 +95,8 @@ def count_bag(path: str | Path, *, part: str = "", unit_volume: float = 0.0,
 
 def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
                   on_view: Callable[[], None] = lambda: None, begin: float | None = None,
-                  time_range: TimeRange = WHOLE_BAG) -> list[Replayed]:
+                  time_range: TimeRange = WHOLE_BAG,
+                  estimator: OccupancyEstimator | None = None) -> list[Replayed]:
     """Feeds a bag to `RegionCounters` as fast as it can, or in real time times `rate`.
 
     Args:
@@ -102,6 +107,7 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
         on_view: called after each view used, for progress.
         begin: when the command began (`time.perf_counter`): imports count as loading. None: now.
         time_range: the part of the bag whose images are used.
+        estimator: made before, by the same settings; None: it is made.
 
     Returns:
         One result for each named region, at least one of them with a count; one without names.
@@ -117,7 +123,8 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
     begin = time.perf_counter() if begin is None else begin
     bag = BagViews(path, config.collector, time_range)
     config = with_scale_of_bag(config, bag.reader)
-    settings = _CountSettings(part, make_estimator(config.counter), config.counter.confidence)
+    settings = _CountSettings(part, estimator or make_estimator(config.counter),
+                              config.counter.confidence, _scale_of(bag, config))
     counters = RegionCounters(config.reconstructor, part.unit_volume)
     loaded = time.perf_counter()
     # Count, and add where the time went.
@@ -128,6 +135,15 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
     return [replace(result, notes=tuple(bag.notes), count=result.count and replace(
         result.count, seconds={**result.count.seconds, **seconds}))
         for result in require_count(results)]
+
+
+def _scale_of(bag: BagViews, config: Config) -> Callable[[StackVolume], Weighing | None]:
+    """Returns what weighs a volume: when its last view came, or the scan as a whole at its end."""
+    scale = BagScale(bag.reader, config.counter)
+    if config.reconstructor.live or config.collector.mode == "cycle":
+        return lambda volume: scale.weighing_at(volume.stamp_ns)
+    end_ns = bag.reader.last_time_ns(set(bag.assembler.color_topics()))
+    return lambda volume: scale.weighing_at(end_ns)
 
 
 def _replay_scan(bag: BagViews, counters: RegionCounters, settings: _CountSettings,

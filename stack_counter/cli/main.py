@@ -19,29 +19,25 @@ from importlib import import_module
 from pathlib import Path
 
 from stack_counter import __version__
+from stack_counter.cli.bridge import add_bridge
 from stack_counter.cli.common import add_config_argument, add_time_arguments, chosen_time_range
 from stack_counter.cli.containers import add_container
 from stack_counter.cli.doctor import add_doctor
 from stack_counter.cli.import_scene import add_import
 from stack_counter.cli.parts import add_part
 from stack_counter.cli.play import add_play
+from stack_counter.cli.recount import add_recount
 from stack_counter.cli.replay import add_replay
 from stack_counter.cli.run import add_run
 from stack_counter.cli.simulate import add_simulate
 from stack_counter.cli.view import add_view
 from stack_counter.config import load_config
-from stack_counter.errors import (
-    ConfigError,
-    MeshError,
-    PartError,
-    StackCounterError,
-    WeightsError,
-)
+from stack_counter.errors import StackCounterError, exit_code_of
 from stack_counter.eval.arguments import ADD_ARGUMENTS
 from stack_counter.files import config_path
 from stack_counter.train.arguments import add_train_arguments
 
-_USAGE, _NO_COUNT, _INTERRUPTED = 2, 3, 130
+_INTERRUPTED = 130
 _EVALUATIONS = {
     "gamma": "of gamma, beside the baselines",
     "count": "of the whole count and its interval",
@@ -51,6 +47,7 @@ _EVALUATIONS = {
     "acceptance": "which solids of a library `part add` takes",
     "template": "of v from pieces on a table",
     "volume": "of V and the container",
+    "weight": "of counts where a scale is under the container, and of wrong bins on it",
     "labels": "of the labels that segmenters give",
     "images": "of V from pictures and labels, without depth",
     "surface": "of the surface that stereo gives: its depth and its power spectrum",
@@ -66,10 +63,8 @@ def main(arguments: list[str] | None = None) -> int:
         options = _make_parser().parse_args(arguments)
         with _interrupted_by_sigterm():
             return options.run(options)
-    except (ConfigError, MeshError, PartError, WeightsError, OSError) as error:
-        return _report_error(error, _USAGE)
-    except StackCounterError as error:
-        return _report_error(error, _NO_COUNT)
+    except (StackCounterError, OSError) as error:
+        return _report_error(error)
     except KeyboardInterrupt:
         return _INTERRUPTED
 
@@ -87,9 +82,9 @@ def _interrupted_by_sigterm() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _report_error(error: Exception, code: int) -> int:
+def _report_error(error: Exception) -> int:
     print(f"stack-counter: {' '.join(str(error).split())}", file=sys.stderr)
-    return code
+    return exit_code_of(error)
 
 
 def _make_parser() -> argparse.ArgumentParser:
@@ -98,9 +93,11 @@ def _make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     add_replay(commands)
+    add_recount(commands)
     add_run(commands)
     add_view(commands)
     add_play(commands)
+    add_bridge(commands)
     add_import(commands)
     _add_info(commands)
     add_doctor(commands)

@@ -114,7 +114,8 @@ def measure_template(options: argparse.Namespace) -> int:
     save_part(Part(v, options.name, std, density=old.density if old else 0.0,
                    counted=history_at_volume(old, v, options.force),
                    note=f"{date.today()} from {options.pieces} pieces in {bag.resolve().name}",
-                   outer_size_m=old.outer_size_m if old else None),
+                   outer_size_m=old.outer_size_m if old else None,
+                   piece_weight=old.piece_weight if old and not options.force else None),
               path)
     if template.alike:
         print("note: all pieces look alike, as round parts do; if yours do not, turn some of them "

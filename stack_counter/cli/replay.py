@@ -21,7 +21,7 @@ from stack_counter.cli.common import (
     require_bag,
 )
 from stack_counter.config import Config, CounterConfig, build_section, load_config
-from stack_counter.errors import ConfigError
+from stack_counter.errors import ConfigError, PartError
 from stack_counter.files import config_path
 from stack_counter.progress import progress_bar
 from stack_counter.types import PartRequest
@@ -41,6 +41,9 @@ def add_replay(commands: argparse._SubParsersAction) -> None:
     part.add_argument("--unit-volume-cm3", type=float, metavar="X", help="volume of one part")
     replay.add_argument("--part-size-mm", type=_part_size, metavar="XxYxZ",
                         help="sides of the box around one part, in any order, as 32x16x10")
+    replay.add_argument("--weight-kg", type=float, metavar="X",
+                        help="what the scale under the container shows, with the container; "
+                             "default: as weight_topic of the settings says")
     replay.add_argument("--catalogue", type=Path, metavar="FILE",
                         help="known parts; default: the configured ones, config/parts.yaml")
     add_config_argument(replay)
@@ -123,7 +126,8 @@ def _settings(options: argparse.Namespace) -> Config:
     config = load_config(options.config or config_path("stack_counter.yaml"))
     # Settings of the counter.
     chosen = {"result_log": "",  # of what the cell counts, not of what is played again
-              "confidence": options.confidence, "estimator": options.estimator,
+              "weight_kg": options.weight_kg, "confidence": options.confidence,
+              "estimator": options.estimator,
               "weights": str(options.weights) if options.weights else None,
               "part_catalogue": str(options.catalogue.absolute()) if options.catalogue else None}
     counter = build_section(CounterConfig, {
@@ -154,7 +158,11 @@ def _part(options: argparse.Namespace, config: Config) -> Part:
         request = PartRequest(options.part)
     if options.part_size_mm is not None:
         request = replace(request, outer_size_m=options.part_size_mm)
-    return resolve_part(request, config.counter.part_catalogue)
+    part = resolve_part(request, config.counter.part_catalogue)
+    if options.weight_kg is not None and part.piece_weight is None:
+        raise PartError(f"--weight-kg with part '{part.name}', of which the catalogue has no "
+                        "piece_weight_g; expected one: weigh some pieces and enter their mean")
+    return part
 
 
 def _count(options: argparse.Namespace, config: Config, part: Part, begin: float
@@ -206,7 +214,7 @@ def _cycle_text(entry: dict[str, Any]) -> str:
 def _show_result(options: argparse.Namespace, config: Config, part: Part, result: Replayed
                  ) -> None:
     """Prints and writes the one result of a scan without named regions."""
-    from stack_counter.cli.report_subject import report_subject
+    from stack_counter.display.page.subject import report_subject
     from stack_counter.display.report import as_dict, as_text, write_report
 
     count = result.count
@@ -217,7 +225,7 @@ def _show_result(options: argparse.Namespace, config: Config, part: Part, result
         options.json.write_text(json.dumps(as_dict(count, result.counts), indent=2) + "\n")
     if options.report:
         write_report(options.report, count, result.counts,
-                     report_subject(options.bag, config, part, count, true_count))
+                     report_subject(options.bag, config, part.name, count, true_count))
 
 
 def _show_regions(options: argparse.Namespace, config: Config, part: Part,
@@ -228,14 +236,14 @@ def _show_regions(options: argparse.Namespace, config: Config, part: Part,
         regions_as_text,
         write_region_reports,
     )
-    from stack_counter.cli.report_subject import report_subject
+    from stack_counter.display.page.subject import report_subject
 
     print(regions_as_text(results))
     if options.json:
         options.json.write_text(json.dumps(regions_as_dict(results), indent=2) + "\n")
     if options.report:
         write_region_reports(options.report, results,
-                             partial(report_subject, options.bag, config, part))
+                             partial(report_subject, options.bag, config, part.name))
 
 
 def _true_count(bag: Path) -> int | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from stack_counter.cli.common import positive_integer
 from stack_counter.errors import ConfigError
+from stack_counter.tasks import Workers
 
 _PLANS = ("mixed", "shallow", "deep", "box", "rig")
 
@@ -19,7 +20,7 @@ def add_simulate(commands: argparse._SubParsersAction) -> None:
         description="Makes N scenes that are at rest in shards below DIR; `simulate bag` and "
                     "`simulate report` read them.")
     simulate.add_argument("--scenes", type=positive_integer, metavar="N")
-    simulate.add_argument("--workers", type=positive_integer, default=1, metavar="W")
+    Workers.add_arguments(simulate)
     simulate.add_argument("--seed", type=int, default=0, metavar="S")
     simulate.add_argument("--out", type=Path, metavar="DIR")
     simulate.add_argument("--plan", default="mixed", choices=_PLANS,
@@ -57,7 +58,7 @@ def _simulate(options: argparse.Namespace) -> int:
         raise ConfigError("simulate needs --scenes N and --out DIR")
     from stack_counter.sim.dataset import simulate
 
-    simulate(options.out, options.scenes, options.workers, options.seed, options.plan,
+    simulate(options.out, options.scenes, Workers.of(options), options.seed, options.plan,
              options.library)
     return 0
 

@@ -12,6 +12,7 @@ import cv2
 
 from stack_counter import geometry
 from stack_counter.display.drawings import draw_container, draw_heights, draw_labels, write_ply
+from stack_counter.display.filling_level import filling_level_as_dict
 from stack_counter.display.page.subject import ReportSubject
 from stack_counter.display.result_schema import SCHEMA_VERSION, STAGES
 from stack_counter.types import Container, Reason, StackCount
@@ -46,8 +47,12 @@ def as_dict(count: StackCount, counts: list[dict[str, Any]]) -> dict[str, Any]:
                   "skipped": volume.views.skipped},
         "view_agreement_mm": 1000 * volume.view_agreement_m,
         "coverage": volume.coverage, "fill_level": list(volume.fill_level),
+        "overfilled": volume.overfilled, **filling_level_as_dict(volume.filling_level),
         "estimator": count.estimator, "gamma_shares": count.gamma_shares,
         "counted_scans": count.counted_scans,
+        "count_sources": [{"source": s.source, "count": s.count, "share": s.share,
+                           "count_interval": list(s.count_interval)} for s in count.sources],
+        "net_weight_kg": count.net_weight_kg,
         "status": count.status, "reasons": list(count.reasons),
         "counts": counts,
         "seconds": {stage: count.seconds.get(stage, 0.0) for stage in STAGES},
@@ -69,6 +74,8 @@ def as_text(count: StackCount, true_count: int | None) -> str:
         error = f" (error {(count.count - true_count) / true_count:+.1%})" if true_count else ""
         lines.append(f"true count {true_count}{error}")
     # What it was computed from.
+    if len(count.sources) > 1:
+        lines.append(f"sources    {sources_text(count)}")
     lines += [
         f"V          {volume.stack_volume * 1e6:.1f} cm3 +- {volume.stack_volume_std * 1e6:.1f}",
         f"gamma      {count.gamma:.3f} +- {count.gamma_std:.3f}, said by {count.estimator}"
@@ -83,6 +90,12 @@ def as_text(count: StackCount, true_count: int | None) -> str:
     # What qualifies it.
     slugs = f" ({', '.join(count.reasons)})" if count.reasons else ""
     return "\n".join([*lines, f"status     {count.status}{slugs}", *reason_lines(count.reasons)])
+
+
+def sources_text(count: StackCount) -> str:
+    """Returns what each source alone counts, and how much it weighs."""
+    return ", ".join(f"by {s.source} {s.count} ({s.count_interval[0]} to {s.count_interval[1]}, "
+                     f"weighs {s.share:.1%})" for s in count.sources)
 
 
 def reason_lines(reasons: Sequence[Reason]) -> list[str]:

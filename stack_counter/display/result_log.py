@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stack_counter.display.result_schema import log_columns
+from stack_counter.display.result_schema import flat_line
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class ResultLog:
         self._path = path
         self._max_bytes = max_mb * 1e6 / (1 + SETTINGS.older_files)  # of one file
         self._is_csv = path.suffix == ".csv"
-        self._header = _csv_line(log_columns({})) if self._is_csv else b""
+        self._header = _csv_line(flat_line({})) if self._is_csv else b""
 
     def append(self, line: Mapping[str, Any]) -> None:
         """Appends the whole line, or nothing.
@@ -58,7 +58,7 @@ class ResultLog:
         Raises:
             OSError: it cannot be written.
         """
-        data = _csv_line(log_columns(line).values()) if self._is_csv \
+        data = _csv_line(flat_line(line).values()) if self._is_csv \
             else f"{json.dumps(line)}\n".encode()
         self._path.parent.mkdir(parents=True, exist_ok=True)
         if not self._can_continue(len(data)):

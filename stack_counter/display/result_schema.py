@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The JSON schema of a result: of `replay --json`, and of the lines of `result_log`.
+"""The JSON schema of a result: of `replay --json`, of the lines of `result_log`, and flat.
+
+A flat result has every number and text of a line under a name of its own, as `views.used`: these
+are the columns of a log in CSV, the JSON of `result_json`, and the nodes of an OPC UA server.
 
 `stack-counter replay --json-schema` prints it, docs/result.schema.json is what that prints. A key
 that is new leaves the version as it is: who reads results ignores keys it does not know.
@@ -8,7 +11,7 @@ that is new leaves the version as it is: who reads results ignores keys it does 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from stack_counter.types import CONTAINER_KINDS
@@ -59,6 +62,32 @@ _VIEWS = _object({
     "received": _value("integer", "views that arrived", minimum=0),
     "used": _value("integer", "views that the count rests on", minimum=0),
     "skipped": _numbers_by_name("integer", "views that were left out, by reason")})
+_RANGE = _object({name: {"type": ["number", "null"], "description": f"{what} of its places; null "
+                                                                     "beside the opening"}
+                  for name, what in (("min", "1st percentile"), ("max", "99th percentile"),
+                                     ("mean", "mean"))})
+_CELL = _object({
+    "cell_size": _object({axis: _value("number", "side along the container's axis, m")
+                          for axis in "xy"}),
+    "cell_position": _object({axis: _value("number", "of its centre at the rim, world, m")
+                              for axis in "xyz"}),
+    "level_in_percent": {**_RANGE, "description": "filled share of the height from the inner "
+                                                  "surface to the rim: 100 is full"},
+    "level_free_in_meters": {**_RANGE, "description": "from the surface up to the rim, m; below 0 "
+                                                      "over the rim"},
+    "coverage": _value("number", "share of it that some view saw", minimum=0, maximum=1)})
+_CELLS = {
+    "cells_filling_levels": {"type": "array", "items": _CELL, "description":
+                             "how full each cell of a grid on the floor is, along the container's "
+                             "x first; empty without a container"},
+    "filling_level_cell_count": _object({axis: _value(
+        "integer", "cells along the container's axis", minimum=0) for axis in "xy"}),
+}
+_SOURCES = {"type": "array", "description": "what each source alone says, vision first",
+            "items": _object({
+                "source": _value("string", "vision or weight"),
+                "count": _NUMBER, "count_interval": _INTERVAL,
+                "share": _value("number", "how much it weighs in count", minimum=0, maximum=1)})}
 _COUNT = {
     "count": _NUMBER,
     "count_interval": _INTERVAL,
@@ -76,6 +105,12 @@ _COUNT = {
     "coverage": _value("number", "share of the container's footprint that some view saw",
                        minimum=0, maximum=1),
     "fill_level": _numbers(3, "least, mean and largest filled share of the inner height"),
+    "overfilled": _value("boolean", "parts stand above the rim"),
+    "overall_filling_level": {**_CELL, "type": ["object", "null"],
+                              "description": "of the whole container; null without one"},
+    "count_sources": _SOURCES,
+    "net_weight_kg": {"type": ["number", "null"],
+                      "description": "weight of the parts, kg; null: none was used"},
     "estimator": _value("string", "who said gamma"),
     "gamma_shares": _numbers_by_name("number", "how much each source of gamma weighed"),
     "counted_scans": _value("integer", "counted scans of the part that gamma rests on",
@@ -105,10 +140,35 @@ _LINE = {
     "verdict": {"enum": ["none", "pass", "fail", "unsure"],
                 "description": "the count against expected_count"},
 }
+_FLAT = _object({**_LINE, **_COUNT, "error": _ERROR,
+                 "status": {**_COUNT["status"], "enum": ["ok", "degraded", "error"]}})
+_ALWAYS = {*_LINE, "status"}  # what a flat result has where there is no count, too
+
+
+def _single_values(schema: Schema, value: Any, name: str) -> Iterator[tuple[str, Schema, Any]]:
+    """Gives name, schema and value of all that a value holds; None for each where it is None."""
+    if "properties" in schema:
+        for key, part in schema["properties"].items():
+            yield from _single_values(part, (value or {}).get(key), f"{name}.{key}" if name
+                                      else key)
+    elif "maxItems" in schema:
+        for index in range(schema["maxItems"]):
+            yield (f"{name}.{index}", {**schema["items"], "description": schema["description"]},
+                   value[index] if value is not None else None)
+    elif schema.get("type") in ("object", "array"):
+        yield (name, _value("string", f"{schema['description']}; JSON",
+                            contentMediaType="application/json"),
+               json.dumps(value) if value is not None else None)
+    else:
+        yield name, schema, value
+
+
+# Schema of every value of a flat result, by its name, in the order in which they are written.
+FLAT_FIELDS = {name: schema for name, schema, _ in _single_values(_FLAT, None, "")}
 _DEFINITIONS = {
     "count": _object({"schema_version": _VERSION, **_COUNT}),
     "failure": _object(_FAILURE),
-    "result": {"allOf": [{"$ref": "#/$defs/count"}, _object({"counts": _COUNTS})]},
+    "result": {"allOf": [{"$ref": "#/$defs/count"}, _object({**_CELLS, "counts": _COUNTS})]},
     "regions": _object({
         "schema_version": _VERSION,
         "regions": {"type": "array", "items": {
@@ -117,6 +177,8 @@ _DEFINITIONS = {
     "log_line": {
         "allOf": [_object({**_LINE, "views": _VIEWS, "reasons": _COUNT["reasons"]}),
                   {"anyOf": [{"$ref": "#/$defs/count"}, {"$ref": "#/$defs/failure"}]}]},
+    "flat": _object({name: field if name in _ALWAYS else {"anyOf": [field, _NO_VALUE]}
+                     for name, field in FLAT_FIELDS.items()}),
 }
 
 
@@ -126,28 +188,18 @@ def result_schema() -> Schema:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"stack_counter result, version {SCHEMA_VERSION}",
         "description": "What `stack-counter replay --json` writes (result; regions where the "
-                       "settings name some), and a line of result_log (log_line).",
-        "anyOf": [{"$ref": f"#/$defs/{name}"} for name in ("result", "regions", "log_line")],
+                       "settings name some), a line of result_log (log_line), and what comes "
+                       "on result_json (flat).",
+        "anyOf": [{"$ref": f"#/$defs/{name}"}
+                  for name in ("result", "regions", "log_line", "flat")],
         "$defs": _DEFINITIONS}
 
 
-def log_columns(line: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the cells of a line of the log by column; all columns are there for every line.
+def flat_line(line: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the values of a line of the log by the names of `FLAT_FIELDS`; all are there.
 
-    Objects with fixed keys and arrays of fixed length have a column for each value, as
-    `views.used` and `count_interval.0`; other objects and arrays are one cell of JSON.
+    Objects with fixed keys and arrays of fixed length have a name for each value, as `views.used`
+    and `count_interval.0`; of other objects and arrays the value is their JSON. What the line does
+    not have is None.
     """
-    return _cells(line, _object({**_LINE, **_COUNT, "error": _ERROR}), "")
-
-
-def _cells(value: Any, schema: Schema, name: str) -> dict[str, Any]:
-    """Returns the cells of one value and of what is in it; empty ones (None) where it is None."""
-    if "properties" in schema:
-        cells: dict[str, Any] = {}
-        for key, part in schema["properties"].items():
-            cells |= _cells((value or {}).get(key), part, f"{name}.{key}" if name else key)
-        return cells
-    if "maxItems" in schema:
-        items = value if value is not None else [None] * schema["maxItems"]
-        return {f"{name}.{index}": item for index, item in enumerate(items)}
-    return {name: json.dumps(value) if isinstance(value, (Mapping, list)) else value}
+    return {name: value for name, _, value in _single_values(_FLAT, line, "")}

@@ -13,14 +13,15 @@ import json
 import time
 from collections import Counter
 from dataclasses import asdict, dataclass
+from functools import partial
 
 import numpy as np
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.config import Config
 from stack_counter.errors import StackCounterError
 from stack_counter.progress import progress, write_line
 from stack_counter.sim import Shape, convex_pieces, measure_form, open_library
+from stack_counter.tasks import Workers, map_tasks
 from stack_counter.teaching import Pile, make_pile_request, simulate_part_piles
 
 
@@ -79,13 +80,12 @@ def run(options: argparse.Namespace) -> int:
     library = open_library(options.library)
     order = np.random.default_rng(options.seed).permutation(len(library))[:options.solids]
     checks = []
-    with worker_pool(options.workers) as pool:
-        jobs = pool.map(check_part, [library] * len(order), map(int, order),
-                        [options.piles] * len(order))
-        for check in progress(jobs, "part add", "solids", len(order)):
-            checks.append(check)
-            if not check.taken:
-                write_line(_format_check(check))
+    check_number = partial(check_part, library, piles=options.piles)
+    jobs = map_tasks(check_number, map(int, order), Workers.of(options))
+    for check in progress(jobs, "part add", "solids", len(order)):
+        checks.append(check)
+        if not check.taken:
+            write_line(_format_check(check))
     print(format_table(checks))
     if options.json:
         options.json.write_text(json.dumps([asdict(check) for check in checks]) + "\n")

@@ -10,6 +10,8 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+from stack_counter.tasks import Workers
+
 
 def _add_set_argument(parser: argparse.ArgumentParser) -> None:
     """Adds `--set`, which names the scenes of an evaluation."""
@@ -26,7 +28,7 @@ def _add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the draw")
     parser.add_argument("--piles", type=int, default=8, metavar="N",
                         help="of each part (default 8; 0: its convex pieces alone)")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every solid here")
 
 
@@ -41,7 +43,7 @@ def _add_case_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--views", type=int, default=12, metavar="N", help="of each recording")
     parser.add_argument("--confidence", type=float, default=0.9, metavar="P")
     parser.add_argument("--weights", type=Path, metavar="PATH", help="of the network")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
     parser.add_argument("--plot", type=Path, metavar="PNG",
                         help="draw gamma's error over the parts' complexity here")
@@ -75,7 +77,7 @@ def _add_labels_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--views", type=int, default=8, help="of a recording (default 8)")
     parser.add_argument("--depth", action=argparse.BooleanOptionalAction, default=True,
                         help="views with depth; without, prompted only")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the scenes' IoU here")
 
 
@@ -90,7 +92,7 @@ def _add_live_arguments(parser: argparse.ArgumentParser) -> None:
                         default="static", help="a fixed one "
                         "with its pose in /tf_static or in /tf, or an arm's that goes back and "
                         "forth between two places (default: static)")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every stamp here")
 
 
@@ -103,7 +105,7 @@ def _add_parts_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--container", action="store_true",
                         help="`part add` is told the kind and inner size of each rig's container")
     parser.add_argument("--confidence", type=float, default=0.9, metavar="P")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
     parser.add_argument("--cache", type=Path, default=Path("out/part-piles"), metavar="DIR",
                         help="where simulated piles are kept: a run resumes"
                              " (default out/part-piles)")
@@ -117,7 +119,7 @@ def _add_robustness_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenes", type=int, default=200, metavar="N", help="number of scans")
     parser.add_argument("--only", type=int, metavar="NUMBER", help="this scan alone")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scan here")
 
 
@@ -138,7 +140,7 @@ def _add_template_arguments(parser: argparse.ArgumentParser) -> None:
                         metavar="FILE", help="parts (default: the unseen ones)")
     parser.add_argument("--pieces", type=int, default=6, metavar="K")
     parser.add_argument("--views", type=int, default=12, metavar="N")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
 
 
 def _add_volume_arguments(parser: argparse.ArgumentParser) -> None:
@@ -151,8 +153,22 @@ def _add_volume_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--pose-mm", type=float, default=0.5, metavar="X", help="pose noise")
     parser.add_argument("--pose-deg", type=float, default=0.05, metavar="X", help="pose noise")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the recordings")
-    parser.add_argument("--workers", type=int, default=1, metavar="W")
+    Workers.add_arguments(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
+
+
+def _add_weight_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `evaluate weight`."""
+    _add_set_argument(parser)
+    parser.add_argument("--scenes", type=int, default=50, metavar="N",
+                        help="the first N (default 50)")
+    parser.add_argument("--scatter", type=float, default=0.01, metavar="SHARE",
+                        help="standard deviation from piece to piece (default 0.01)")
+    parser.add_argument("--scale-std-g", type=float, default=5.0, metavar="G",
+                        help="standard deviation of scale and tare (default 5: of a scale with "
+                             "steps of 10 g)")
+    Workers.add_arguments(parser)
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write every weighing here")
 
 
 # What adds the arguments of an evaluation, by the name of its module.
@@ -169,4 +185,5 @@ ADD_ARGUMENTS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "surface": _add_surface_arguments,
     "template": _add_template_arguments,
     "volume": _add_volume_arguments,
+    "weight": _add_weight_arguments,
 }

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common.figures_file import write_figures
@@ -27,6 +26,7 @@ from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.pipeline import StackCounter
 from stack_counter.progress import progress
 from stack_counter.sim import Scene, read_shard, record
+from stack_counter.tasks import Workers, map_tasks
 from stack_counter.types import CONTAINER, PARTS, View
 
 # A user's boxes are too large by up to so many pixels on each side, and so many points on parts
@@ -38,8 +38,8 @@ def run(args: argparse.Namespace) -> int:
     """Prints mean, 10th percentile and worst IoU of every segmenter; returns the exit code."""
     scenes = choose_scenes(find_set_folder(args.set), args.scenes, args.seed)
     score = partial(score_scene, views=args.views, seed=args.seed, depth=args.depth)
-    with worker_pool(args.workers) as pool:
-        rows = list(progress(pool.map(score, scenes), "labels", "scenes", len(scenes)))
+    rows = list(progress(map_tasks(score, scenes, Workers.of(args)), "labels", "scenes",
+                         len(scenes)))
     for name in rows[0]["iou"]:
         print(f"{name}: {format_summary([row['iou'][name] for row in rows])}")
     if args.json:

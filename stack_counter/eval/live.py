@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.config import CollectorConfig, CounterConfig, ReconstructorConfig
 from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common import metrics
@@ -26,6 +25,7 @@ from stack_counter.parts.catalogue import Part
 from stack_counter.pipeline import StackCounter
 from stack_counter.progress import progress
 from stack_counter.sim import Scene, record_fixed_camera, record_returning_camera, remove_parts
+from stack_counter.tasks import Workers, map_tasks
 from stack_counter.views.view_gate import ViewGate
 
 _CONFIDENCE = 0.9
@@ -60,9 +60,9 @@ def run(options: argparse.Namespace) -> int:
     """Prints the figures; returns the exit code."""
     scenes = read_filled_scenes(options.set, options.scenes)
     jobs = [(scene, options.picks, options.share, options.camera) for scene in scenes]
-    with worker_pool(options.workers) as pool:
-        counts = [count for of_scene in progress(pool.map(_count_job, jobs), "counts", "scenes",
-                                                 len(jobs)) for count in of_scene]
+    of_scenes = map_tasks(_count_job, jobs, Workers.of(options))
+    counts = [count for of_scene in progress(of_scenes, "counts", "scenes", len(jobs))
+              for count in of_scene]
     print(f"{options.set}: {len(scenes)} scenes, {options.camera} camera, {options.picks} picks\n"
           + format_table(counts))
     if options.json:

@@ -17,7 +17,6 @@ from dataclasses import asdict, dataclass, replace
 
 from typing_extensions import override
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.config import Config, CounterConfig, ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.eval.common.figures_file import write_figures
@@ -37,6 +36,7 @@ from stack_counter.parts.part_models import PartModels
 from stack_counter.progress import progress
 from stack_counter.sim import RECONSTRUCTED_KIND, SCENES_PER_RIG, Scene, read_scenes, reconstruct
 from stack_counter.stack_count import count_stack
+from stack_counter.tasks import Workers, map_tasks
 from stack_counter.teaching import (
     Pile,
     PileScan,
@@ -57,9 +57,9 @@ def run(options: argparse.Namespace) -> int:
     models = {rig.number: _learn_models(rig, options)
               for rig in progress(rigs, "part add", "rigs")}
     scenes = [scene for rig in rigs for scene in rig.scenes]
-    with worker_pool(options.workers) as pool:
-        volumes = dict(zip((s.index for s in scenes), progress(
-            pool.map(_measure_volume, scenes), "volumes", "scans", len(scenes))))
+    volumes = dict(zip((s.index for s in scenes), progress(
+        map_tasks(_measure_volume, scenes, Workers.of(options)), "volumes", "scans",
+        len(scenes))))
     # Counts by all that may be known of the part
     estimator, counts = CachedEstimator(make_estimator(CounterConfig())), []
     for rig in progress(rigs, "counts", "rigs"):

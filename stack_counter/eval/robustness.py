@@ -13,7 +13,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.config import CounterConfig
 from stack_counter.errors import StackCounterError, ViewError
 from stack_counter.eval.common.figures_file import write_figures
@@ -30,6 +29,7 @@ from stack_counter.sim import (
     make_hard_scan,
     read_piles,
 )
+from stack_counter.tasks import Workers, map_tasks
 from stack_counter.types import StackCount
 
 
@@ -86,11 +86,8 @@ def run(options: argparse.Namespace) -> int:
     """Prints and writes the figures; returns the exit code."""
     numbers = range(options.scenes) if options.only is None else [options.only]
     jobs = [(options.set, options.seed, number) for number in numbers]
-    if options.workers == 1:
-        outcomes = [_count_job(job) for job in progress(jobs, "counts", "scans")]
-    else:
-        with worker_pool(options.workers) as pool:
-            outcomes = list(progress(pool.map(_count_job, jobs), "counts", "scans", len(jobs)))
+    outcomes = list(progress(map_tasks(_count_job, jobs, Workers.of(options)), "counts", "scans",
+                             len(jobs)))
     for outcome in outcomes:
         if outcome.outcome in ("vague", "wrong") or options.only is not None:
             print(_format_outcome(outcome))

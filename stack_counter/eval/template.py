@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.eval.common import metrics
@@ -19,6 +19,7 @@ from stack_counter.parts.template import scan_template
 from stack_counter.parts.template_model import shipped_template_model
 from stack_counter.progress import progress
 from stack_counter.sim import Shape, lay_out_pieces, load_shapes, record
+from stack_counter.tasks import Workers, map_tasks
 
 
 @dataclass(frozen=True)
@@ -64,10 +65,9 @@ class TemplateCheck:
 def run(options: argparse.Namespace) -> int:
     """Prints the figures; returns the exit code."""
     shapes = load_shapes(options.library)
-    with worker_pool(options.workers) as pool:
-        checks = list(progress(pool.map(measure_template, shapes, [options.pieces] * len(shapes),
-                                        [options.views] * len(shapes)),
-                               "templates", "parts", len(shapes)))
+    measure = partial(measure_template, pieces=options.pieces, view_count=options.views)
+    checks = list(progress(map_tasks(measure, shapes, Workers.of(options)), "templates", "parts",
+                           len(shapes)))
     print(format_table(checks, f"{options.pieces} pieces and {options.views} views each"))
     return 0
 

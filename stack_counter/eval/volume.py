@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.eval.common.figures_file import write_figures
@@ -19,6 +18,7 @@ from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.pipeline import StackCounter
 from stack_counter.progress import progress
 from stack_counter.sim import RECONSTRUCTED_KIND, Scene, record
+from stack_counter.tasks import Workers, map_tasks
 from stack_counter.types import View
 
 # Side of a patch of missing depth, pixels; a wall's thickness is right within so many metres or
@@ -55,12 +55,8 @@ class VolumeCase:
 def run(options: argparse.Namespace) -> int:
     """Prints and writes the figures; returns the exit code."""
     jobs = [(scene, options) for scene in read_filled_scenes(options.set, options.scenes)]
-    if options.workers > 1:
-        with worker_pool(options.workers) as pool:
-            cases = list(progress(pool.map(_measure_recording, jobs), "volumes", "scenes",
-                                  len(jobs)))
-    else:
-        cases = [_measure_recording(job) for job in progress(jobs, "volumes", "scenes")]
+    cases = list(progress(map_tasks(_measure_recording, jobs, Workers.of(options)), "volumes",
+                          "scenes", len(jobs)))
     print(f"{options.set}: {len(cases)} scenes, {options.views} views, seed {options.seed}, "
           f"{options.missing:.0%} of the depth missing, pose noise {options.pose_mm} mm and "
           f"{options.pose_deg} degrees")

@@ -130,7 +130,7 @@ class StereoScan:
         return replace(
             heap, stack_volume=stack.volume, stack_volume_std=stack.volume_std, top=stack.top,
             inner=stack.inner, coverage=found.measured_share, fill_level=(0.0, 0.0, 0.0),
-            reasons=reasons, one_side=False, volume_parts={},
+            reasons=reasons, one_side=False, volume_parts={}, filling_level=None,
             container=Container("hull", geometry.pose(np.eye(3), self.hull.middle)),
             mesh=Mesh(found.surface.astype(np.float32), np.zeros((0, 3), np.int32)))
 

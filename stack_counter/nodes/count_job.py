@@ -13,9 +13,9 @@ from stack_counter_msgs.action import CountStack
 from stack_counter_msgs.msg import ScanStatus, StackCount
 from stack_counter_msgs.srv import StartCount, StartScan, StopScan
 
-from stack_counter.ros.conversions import set_verdict
 from stack_counter.ros.lifecycle import ManagedNode
 from stack_counter.ros.part_fields import from_part_fields, to_part_fields
+from stack_counter.ros.verdicts import set_verdict
 
 Request: TypeAlias = "CountStack.Goal | StartCount.Request"  # they have the same fields
 

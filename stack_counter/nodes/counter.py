@@ -13,6 +13,7 @@ from stack_counter.errors import StackCounterError
 from stack_counter.nodes.count_action import CountAction
 from stack_counter.nodes.count_publishers import CountPublishers
 from stack_counter.nodes.result_logging import ResultLogging
+from stack_counter.nodes.scale import Scale
 from stack_counter.occupancy import make_estimator
 from stack_counter.parts.part_lookup import configured_part, resolve_part
 from stack_counter.ros.conversions import (
@@ -21,7 +22,6 @@ from stack_counter.ros.conversions import (
     from_seconds,
     from_stack_volume,
     from_tally,
-    set_verdict,
     to_stack_count,
 )
 from stack_counter.ros.diagnostics import ERROR, OK, WARN, data_age_s
@@ -29,6 +29,7 @@ from stack_counter.ros.lifecycle import ManagedNode, run
 from stack_counter.ros.markers import ORIGIN_PLACE, TextPlace, count_marker, text_place
 from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.qos import LATCHED_ALL, LATCHED_NEWEST
+from stack_counter.ros.verdicts import set_verdict
 from stack_counter.stack_count import count_stack
 from stack_counter.views.decoding import stamp_ns
 
@@ -53,13 +54,14 @@ class CounterNode(ManagedNode[CounterConfig]):
         self._check_part(config)
         self._estimator = make_estimator(config)
         self._last: dict[str, StackCount] = {}  # of the last scan, by region
-        self._counts = CountPublishers(self)
+        self._counts = CountPublishers(self, config.result_json)
         self._marker = self.advertise(MarkerArray, "count_marker", LATCHED_NEWEST)
         # Of the last stack of each region: an error is written there as well.
         self._text_places: dict[str, TextPlace] = {}
         # Latched, so that a counter that starts late still counts the last volume.
         self.subscribe(StackVolume, "volume", self._on_volume, LATCHED_ALL)
         self._action = CountAction(self, config)
+        self._scale = Scale(self, config)
         self._result_log = ResultLogging(config, self.get_logger())
         self.on_cleanup_call(self._action.destroy)
         self.on_cleanup_call(self._release_estimator)
@@ -94,7 +96,7 @@ class CounterNode(ManagedNode[CounterConfig]):
         # Publish the count, and show it above the stack.
         self._last = {region: last for region, last in self._last.items()
                       if last.scan_id == count.scan_id} | {count.region: count}
-        self._counts.publish(count)
+        self._counts.publish(count, message)
         self._log_count(count)
         self._action.on_count(count)
         self._publish_markers(text_place(message), count.region)
@@ -133,7 +135,8 @@ class CounterNode(ManagedNode[CounterConfig]):
             if message.error:
                 return failed_count(message.error, message)
             result = count_stack(from_stack_volume(message), known_part, self._estimator,
-                                 self._action.requested_confidence(message.scan_id))
+                                 self._action.requested_confidence(message.scan_id),
+                                 self._scale.weighing(self._config))
         except StackCounterError as error:
             return failed_count(message.error or str(error), message)
         return to_stack_count(result, message)
@@ -173,6 +176,7 @@ def _count_values(count: StackCount) -> dict[str, object]:
     return {
         "scan_id": count.scan_id, "count": count.count, "count_low": count.count_low,
         "count_high": count.count_high, "age s": float(count.age),
+        **{f"count by {s.source}": f"{s.count} ({s.share:.0%})" for s in count.count_sources},
         "reasons": ", ".join(count.reasons), "missing cameras": ", ".join(count.missing_cameras),
         "view_agreement mm": 1000 * count.view_agreement,
         "views received": tally.received, "views used": tally.used,

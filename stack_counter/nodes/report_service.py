@@ -20,9 +20,10 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.display.page.subject import ReportSubject
 from stack_counter.display.report import write_report
 from stack_counter.errors import ScanError
-from stack_counter.ros.conversions import from_stack_count, verdict_name
+from stack_counter.ros.conversions import from_stack_count
 from stack_counter.ros.lifecycle import ManagedNode
 from stack_counter.ros.qos import LATCHED_ALL, RELIABLE
+from stack_counter.ros.verdicts import verdict_name
 from stack_counter.types import StackCount, StackVolume
 from stack_counter.views.decoding import stamp_ns
 

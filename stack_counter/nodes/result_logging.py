@@ -3,28 +3,17 @@
 
 from __future__ import annotations
 
-from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from stack_counter_msgs.msg import StackCount, StackVolume
 
 from stack_counter.config import CounterConfig
-from stack_counter.display.report import as_dict
 from stack_counter.display.result_log import ResultLog
-from stack_counter.display.result_schema import SCHEMA_VERSION
-from stack_counter.ros.conversions import (
-    from_stack_count,
-    from_stack_volume,
-    from_tally,
-)
 from stack_counter.ros.diagnostics import WARN
-from stack_counter.views.decoding import stamp_ns
+from stack_counter.ros.result_line import result_line
 
 _WARNING_PERIOD_S = 60.0  # between two warnings
-_VERDICTS = {StackCount.VERDICT_NONE: "none", StackCount.VERDICT_PASS: "pass",
-             StackCount.VERDICT_FAIL: "fail", StackCount.VERDICT_UNSURE: "unsure"}
 
 
 class ResultLogging:
@@ -57,20 +46,3 @@ class ResultLogging:
     def status_lines(self) -> list[tuple[bytes, str]]:
         """Returns why the last result is not in the log; nothing if it is."""
         return [(WARN, self._error)] if self._error else []
-
-
-def result_line(count: StackCount, volume: StackVolume) -> dict[str, Any]:
-    """Returns the line of a count: the keys of `replay --json`, and whose count it is."""
-    seconds, nanoseconds = divmod(stamp_ns(count.header.stamp), 10**9)
-    stamp = datetime.fromtimestamp(seconds, timezone.utc).replace(microsecond=nanoseconds // 1000)
-    line = {"schema_version": SCHEMA_VERSION, "scan_id": count.scan_id,
-            "stamp": stamp.isoformat(timespec="microseconds").replace("+00:00", "Z"),
-            "region": count.region, "part": count.part, "verdict": _VERDICTS[count.verdict]}
-    if count.error:
-        tally = from_tally(count.views)
-        return {**line, "count": None, "status": "error", "error": count.error,
-                "views": {"received": tally.received, "used": tally.used,
-                          "skipped": tally.skipped}, "reasons": list(count.reasons)}
-    result = as_dict(from_stack_count(count, from_stack_volume(volume)), [])
-    del result["counts"]  # running ones
-    return {**line, **result}

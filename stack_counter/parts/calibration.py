@@ -70,7 +70,7 @@ def count_from_weight(part: Part, weight: float, piece_weight: float) -> int:
     """Number of parts of a weight.
 
     Args:
-        part: by its density and v, the weight of a piece follows where that is not given.
+        part: by its own, or by density and v, the weight of a piece follows if it is not given.
         weight: of all parts, kg.
         piece_weight: of one part, g; 0 where it is not given.
 
@@ -78,10 +78,12 @@ def count_from_weight(part: Part, weight: float, piece_weight: float) -> int:
         PartError: there is neither piece weight nor density, v is itself estimated, or a weight
             is no positive number.
     """
+    if part.piece_weight and not piece_weight:
+        piece_weight = 1e3 * part.piece_weight.mean_kg
     each = piece_weight or part.density * part.unit_volume * 1e3
     if not each:
-        raise PartError(f"part '{part.name}' has no density_g_cm3 and no piece weight is given; "
-                        "expected one of them")
+        raise PartError(f"part '{part.name}' has neither piece_weight_g nor density_g_cm3, and no "
+                        "piece weight is given; expected one of them")
     if part.unit_volume_std and not piece_weight:
         raise PartError(f"v of part '{part.name}' is known to {part.relative_std:.1%}, and so is "
                         "a weight by its density; expected the weight of a piece")

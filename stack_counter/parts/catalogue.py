@@ -16,12 +16,15 @@ from stack_counter.parts.entry_checks import (
     checked_friction,
     checked_measures,
     checked_number,
+    checked_piece_weight,
     checked_scan,
     checked_size,
     measures_entry,
+    piece_weight_entry,
 )
 from stack_counter.parts.part_models import PartModels, read_models
 from stack_counter.types import KnownForm, MeshMeasures
+from stack_counter.weighing import PieceWeight
 
 _NEW_CATALOGUE = """\
 # The part catalogue: what `--part NAME`, the parameter `part` and the action's goal look up.
@@ -33,6 +36,9 @@ _NEW_CATALOGUE = """\
 #   mesh                 CAD file, from this file's folder
 #   mesh_measures        what `stack-counter part add` measured of it
 #   density_g_cm3        of the material, for bins that are weighed
+#   piece_weight_g       mean weight of a piece, g, for a scale under the container
+#   piece_weight_sd_g    standard deviation from piece to piece, g; 1% of the mean if not given
+#   piece_weight_pieces  number of pieces that were weighed for the mean; 10 if not given
 #   friction             least and most, of parts on each other
 #   gamma_prior          file of what simulated piles of the part say, from this file's folder
 #   tuned                file of the network's last layers, adapted to those piles
@@ -41,7 +47,8 @@ _NEW_CATALOGUE = """\
 parts:
 """
 _KEYS = ("unit_volume_cm3", "unit_volume_std_cm3", "size_mm", "mesh", "mesh_measures",
-         "density_g_cm3", "friction", "gamma_prior", "tuned", "note", "counted")
+         "density_g_cm3", "piece_weight_g", "piece_weight_sd_g", "piece_weight_pieces", "friction",
+         "gamma_prior", "tuned", "note", "counted")
 _FILE_KEYS = ("mesh", "gamma_prior", "tuned")
 
 
@@ -64,6 +71,7 @@ class Part:
             the part.
         outer_size_m: sides of the box around the part, metres; None where they are not known.
         mesh_measures: measures of its mesh; None where there is none.
+        piece_weight: weight of a piece; None where it is not known.
     """
 
     unit_volume: float
@@ -79,6 +87,7 @@ class Part:
     overridden: bool = False
     outer_size_m: tuple[float, float, float] | None = None
     mesh_measures: MeshMeasures | None = None
+    piece_weight: PieceWeight | None = None
 
     @property
     def form(self) -> KnownForm:
@@ -181,6 +190,8 @@ def _entry_of(part: Part, folder: Path) -> dict[str, Any]:
             values[key] = str(path.relative_to(folder) if path.is_relative_to(folder) else path)
     if part.density:
         values["density_g_cm3"] = part.density / 1e3
+    if part.piece_weight is not None:
+        values |= piece_weight_entry(part.piece_weight)
     if part.friction is not None:
         values["friction"] = list(part.friction)
     if part.note:
@@ -239,4 +250,5 @@ def _checked_part(name: str, entry: Any, folder: Path) -> Part:
                 checked_friction(entry.get("friction")), prior, tuned,
                 str(entry.get("note", "")), tuple(checked_scan(scan) for scan in counted),
                 outer_size_m=checked_size(entry.get("size_mm"), volume),
-                mesh_measures=checked_measures(entry.get("mesh_measures")))
+                mesh_measures=checked_measures(entry.get("mesh_measures")),
+                piece_weight=checked_piece_weight(entry))

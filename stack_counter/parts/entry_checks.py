@@ -4,17 +4,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
 from stack_counter.parts.counted_scan import CountedScan
 from stack_counter.types import MeshMeasures
+from stack_counter.weighing import REFERENCE_PIECES, PieceWeight
+from stack_counter.weighing import SETTINGS as WEIGHING
 
 MOST_FRICTION = 2.0
 # v over the box of the outer dimensions: sides are measured to some 2%, and the emptiest wire
 # frames that networks learn from fill 1%; chosen.
 _BOX_SHARES = (0.002, 1.06)
+_PIECE_WEIGHT = ("piece_weight_g", "piece_weight_sd_g", "piece_weight_pieces")
 _MEASURES = ("solidity", "surface_cm2", "holes", "gyration_mm")
 
 
@@ -82,6 +85,29 @@ def measures_entry(measures: MeshMeasures) -> dict[str, Any]:
     return {"solidity": float(f"{measures.solidity:.6g}"),
             "surface_cm2": float(f"{measures.surface_m2 * 1e4:.6g}"), "holes": measures.genus,
             "gyration_mm": [float(f"{1e3 * radius:.6g}") for radius in measures.gyration_m]}
+
+
+def checked_piece_weight(entry: Mapping[str, Any]) -> PieceWeight | None:
+    """The weight of a piece, kg, from the keys of a part's entry; None where there is none."""
+    mean, std, pieces = (None if entry.get(key) is None else checked_number(entry[key], key)
+                         for key in _PIECE_WEIGHT)
+    if mean is None:
+        if std is not None or pieces is not None:
+            raise ValueError(f"{_PIECE_WEIGHT[1]} or {_PIECE_WEIGHT[2]} without {_PIECE_WEIGHT[0]}"
+                             " (the mean needed)")
+        return None
+    pieces = REFERENCE_PIECES if pieces is None else pieces
+    if not (mean > 0 and pieces >= 1 and pieces == int(pieces)):
+        raise ValueError(f"{_PIECE_WEIGHT[0]} {mean:g} of {pieces:g} pieces (a weight above 0 and "
+                         "a whole number of 1 or more needed)")
+    share = WEIGHING.piece_std_share if std is None else std / mean
+    return PieceWeight(mean * 1e-3, share * mean * 1e-3, int(pieces))
+
+
+def piece_weight_entry(piece: PieceWeight) -> dict[str, Any]:
+    """What `checked_piece_weight` reads."""
+    grams = (float(f"{1e3 * kg:.9g}") for kg in (piece.mean_kg, piece.std_kg))
+    return dict(zip(_PIECE_WEIGHT, (*grams, piece.pieces)))
 
 
 def checked_scan(entry: Any) -> CountedScan:

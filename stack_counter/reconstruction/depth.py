@@ -20,6 +20,7 @@ from stack_counter.fusion.depth_fusion import DepthFusion
 from stack_counter.fusion.pixel_spacing import pixel_spacing
 from stack_counter.fusion.region import Region, find_region, seen_from_one_side
 from stack_counter.reconstruction.alignment import AlignedScan, align_scan
+from stack_counter.reconstruction.filling_level import measure_filling_level
 from stack_counter.reconstruction.geometry_checks import check_geometry
 from stack_counter.reconstruction.integral import MeasuredStack
 from stack_counter.reconstruction.key_view import find_key_view
@@ -192,6 +193,7 @@ class DepthReconstruction:
             view_agreement_m=scan.agreement_m,
             resolution_m=max(voxel_size, pixel_spacing(views, (region.low + region.high) / 2)),
             volume_parts=stack.integral.parts,
+            filling_level=measure_filling_level(stack, config.filling_level_cells),
         )
 
     def key_view(self) -> KeyView | None:

@@ -21,7 +21,13 @@ from stack_counter_msgs.msg import StackCount as StackCountMsg
 from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
 from stack_counter_msgs.msg import ViewTally as ViewTallyMsg
 
-from stack_counter.counting import verdict
+from stack_counter.ros.count_fields import (
+    copy_filling_level,
+    filling_level_of,
+    from_sources,
+    set_filling_level,
+    to_sources,
+)
 from stack_counter.ros.part_fields import from_part_fields, to_part_fields
 from stack_counter.ros.standard_messages import to_camera_info, to_header, to_image, to_pose
 from stack_counter.types import (
@@ -40,10 +46,6 @@ from stack_counter.views import decoding
 _STATUS_NUMBERS = {"ok": StackCountMsg.STATUS_OK, "degraded": StackCountMsg.STATUS_DEGRADED,
                    "error": StackCountMsg.STATUS_ERROR}
 _STATUS_NAMES = {number: name for name, number in _STATUS_NUMBERS.items()}
-_VERDICT_NUMBERS = {"none": StackCountMsg.VERDICT_NONE, "pass": StackCountMsg.VERDICT_PASS,
-                    "fail": StackCountMsg.VERDICT_FAIL, "unsure": StackCountMsg.VERDICT_UNSURE}
-_VERDICT_PHRASES = {"pass": "all of it within", "fail": "none of it within",
-                    "unsure": "it straddles"}
 
 
 # --- one view ---------------------------------------------------------------------------------
@@ -211,6 +213,7 @@ def to_stack_volume(volume: StackVolume, world_frame: str, request: PosedImage, 
         seconds=to_seconds(volume.seconds), region=volume.region,
         view_agreement=volume.view_agreement_m, resolution=volume.resolution_m)
     message.fill_level_min, message.fill_level_mean, message.fill_level_max = volume.fill_level
+    set_filling_level(message, volume.filling_level)
     if volume.key_view is not None:
         message.key_view = to_key_view(volume.key_view, request.header.frame_id)
     return message
@@ -232,7 +235,8 @@ def from_stack_volume(message: StackVolumeMsg) -> StackVolume:
         key_view=from_key_view(message.key_view) if message.has_key_view else None,
         views=from_tally(message.views), reasons=reasons, one_side=Reason.ONE_SIDE in reasons,
         seconds=from_seconds(message.seconds), region=message.region,
-        view_agreement_m=message.view_agreement, resolution_m=message.resolution)
+        view_agreement_m=message.view_agreement, resolution_m=message.resolution,
+        filling_level=filling_level_of(message))
 
 
 # --- the count --------------------------------------------------------------------------------
@@ -248,6 +252,8 @@ def to_stack_count(count: StackCount, request: StackVolumeMsg) -> StackCountMsg:
     message.gamma_shares = list(count.gamma_shares.values())
     message.status, message.reasons = _STATUS_NUMBERS[count.status], to_reasons(count.reasons)
     message.seconds = to_seconds(count.seconds)
+    message.count_sources = to_sources(count.sources)
+    message.net_weight = math.nan if count.net_weight_kg is None else count.net_weight_kg
     return message
 
 
@@ -260,39 +266,19 @@ def from_stack_count(message: StackCountMsg, volume: StackVolume) -> StackCount:
         counted_scans=message.counted_scans,
         gamma_shares=dict(zip(message.gamma_sources, message.gamma_shares)),
         reasons=from_reasons(message.reasons), status=_STATUS_NAMES[message.status],
-        seconds=from_seconds(message.seconds))
+        seconds=from_seconds(message.seconds), sources=from_sources(message.count_sources),
+        net_weight_kg=None if math.isnan(message.net_weight) else message.net_weight)
 
 
 def failed_count(error: str, request: StackVolumeMsg) -> StackCountMsg:
     """Returns the message of a volume that gives no count, and `error`, which says why."""
-    return StackCountMsg(
+    message = StackCountMsg(
         header=request.header, scan_id=request.scan_id, final=request.final, part=request.part,
         unit_volume=request.unit_volume, confidence=math.nan, gamma=math.nan, gamma_std=math.nan,
         stack_volume=request.stack_volume, stack_volume_std=request.stack_volume_std,
         container=request.container, views=request.views,
         missing_cameras=request.missing_cameras, status=StackCountMsg.STATUS_ERROR,
         reasons=request.reasons, error=error, seconds=request.seconds, region=request.region,
-        view_agreement=request.view_agreement)
-
-
-def verdict_name(message: StackCountMsg) -> str:
-    """Returns the verdict of a count's message, as `counting.verdict` names it."""
-    return next((name for name, number in _VERDICT_NUMBERS.items() if number == message.verdict),
-                "none")
-
-
-def set_verdict(message: StackCountMsg, expected: int, tolerance: int) -> str:
-    """Sets the verdict of a count against what is expected; returns one line that explains it.
-
-    Args:
-        message: count whose field `verdict` is set.
-        expected: number of parts that should be there; 0 for none expected.
-        tolerance: number of parts by which the count may differ.
-    """
-    name = verdict((message.count_low, message.count_high), expected, tolerance)
-    message.verdict = _VERDICT_NUMBERS[name]
-    result = (f"{message.count} parts, {message.confidence:.0%} sure between "
-              f"{message.count_low} and {message.count_high}")
-    if name == "none":
-        return result
-    return f"{name.upper()}: {result}; {_VERDICT_PHRASES[name]} {expected} +- {tolerance}"
+        view_agreement=request.view_agreement, net_weight=math.nan)
+    copy_filling_level(message, request)
+    return message

@@ -17,6 +17,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from stack_counter_msgs.msg import StackCount as StackCountMsg
 from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
 
+from stack_counter.bag.bag_scale import with_weight_of_bag
 from stack_counter.bag.bag_views import subscribed_topics, with_scale_of_bag
 from stack_counter.bag.camera_topics import fit_rig_to_bag, topic_notes
 from stack_counter.bag.reader import BagReader
@@ -88,6 +89,7 @@ def replay_nodes(path: Path, config: Config, part: PartRequest, rate: float,
     reader = BagReader(path, time_range)
     config = with_scale_of_bag(config, reader)
     rig = fit_rig_to_bag(load_rig(config.collector), reader.topics, reader.frame_of)
+    config, scale_notes = _with_scale(config, rig, reader)
     nodes = NodeProcesses(
         replace(config, collector=_fit_collector(config.collector, rig, reader)),
         domain.environment)
@@ -108,9 +110,24 @@ def replay_nodes(path: Path, config: Config, part: PartRequest, rate: float,
     results = [_collect_cycles(player.heard, region) if config.collector.mode == "cycle"
                else _collect_scan(player.heard, region, scan_id, config.reconstructor.live)
                for region in regions]
-    notes = topic_notes(config.collector, rig, reader.topics)
+    notes = [*topic_notes(config.collector, rig, reader.topics), *scale_notes]
     return [replace(result, notes=tuple(notes)) for result in require_count(
         _finish_result(result, reader.truncated, seconds) for result in results)]
+
+
+def _with_scale(config: Config, rig: Rig, reader: BagReader) -> tuple[Config, list[str]]:
+    """Returns settings with the weight of a bag, and a note where the nodes cannot be told it.
+
+    A topic of numbers has no stamps, and the nodes get what is played as fast as they can.
+    """
+    if config.collector.mode != "cycle" and not config.reconstructor.live:
+        topics = set(RigAssembler(rig).color_topics())
+        return with_weight_of_bag(config, reader, topics), []
+    if config.counter.weight_topic not in reader.topics:
+        return config, []
+    return replace(config, counter=replace(config.counter, weight_topic="")), [
+        f"the weights on {config.counter.weight_topic} were not used: which of them belongs to a "
+        "cycle or a view, --direct alone can tell"]
 
 
 def _fit_collector(config: CollectorConfig, rig: Rig, reader: BagReader) -> CollectorConfig:

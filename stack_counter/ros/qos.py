@@ -32,6 +32,8 @@ DIAGNOSTICS = QoSProfile(depth=10)
 # The topics of final counts. Both carry the same: `count` is what `result` was called, and goes
 # with the next release.
 FINAL_TOPICS = ("result", "count")
+# The topic that has them as flat JSON, if the counter's parameter of this name says so.
+RESULT_JSON = "result_json"
 
 
 def profile_that_hears(publishers: Sequence[QoSProfile]) -> QoSProfile:

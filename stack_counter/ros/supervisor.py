@@ -20,7 +20,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from stack_counter_msgs.msg import ScanStatus, StackCount, StackVolume
-from std_msgs.msg import Header
+from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 
 from stack_counter.config import load_config
@@ -28,7 +28,8 @@ from stack_counter.parameter_files import NAMESPACE
 from stack_counter.ros.diagnostics import ERROR, OK, to_array
 from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.processes import NODES, SupervisedProcess
-from stack_counter.ros.qos import DIAGNOSTICS, FINAL_TOPICS, LATCHED_ALL
+from stack_counter.ros.qos import DIAGNOSTICS, FINAL_TOPICS, LATCHED_ALL, RESULT_JSON
+from stack_counter.ros.result_line import to_flat_json
 from stack_counter.ros.security import check_security
 from stack_counter.types import PartRequest
 
@@ -65,6 +66,7 @@ class Supervisor(Node):
         self._regions = [region.name for region in config.reconstructor.regions] or [""]
         # Part of the scans that name none, and of the open scan.
         own = config.counter
+        self._with_json = own.result_json
         self._own_part = PartRequest(own.part, own.unit_volume_m3, own.part_size_m)
         self._part = PartRequest()
         self._counted: set[str] = set()  # regions of the open scan whose final count has come
@@ -150,6 +152,7 @@ class Supervisor(Node):
         qos = QoSProfile(depth=len(self._regions), durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._volume = self.create_publisher(StackVolume, "volume", qos)
         self._results = [self.create_publisher(StackCount, topic, qos) for topic in FINAL_TOPICS]
+        self._json = [self.create_publisher(String, RESULT_JSON, qos)] if self._with_json else []
 
     def _report_lost(self, error: str) -> None:
         """Reports the open scan as one without a volume; without a counter, as one without count.
@@ -168,14 +171,17 @@ class Supervisor(Node):
             if counting:
                 self._volume.publish(StackVolume(**fields, part_size=list(part.outer_size_m)))
             else:
+                count = StackCount(status=StackCount.STATUS_ERROR, **fields)
                 for publisher in self._results:
-                    publisher.publish(StackCount(status=StackCount.STATUS_ERROR, **fields))
+                    publisher.publish(count)
+                for publisher in self._json:
+                    publisher.publish(to_flat_json(count, StackVolume()))
         self._lost_scan = self._open_scan
 
     def _withdraw_losses(self) -> None:
         """Unlatches what was reported as lost: there is something newer."""
         if self._lost_scan:
-            for publisher in (self._volume, *self._results):
+            for publisher in (self._volume, *self._results, *self._json):
                 self.destroy_publisher(publisher)
             self._lost_scan = ""
             self._advertise_losses()

@@ -8,13 +8,9 @@ import logging
 import os
 import time
 from collections import Counter
-from collections.abc import Callable
-from concurrent.futures import Future, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.errors import StackCounterError
 from stack_counter.progress import progress_bar
 from stack_counter.sim.physics.drop import make_scene
@@ -33,44 +29,21 @@ from stack_counter.sim.scenes.shards import (
     write_shard,
 )
 from stack_counter.sim.shapes.library import Library, open_library
+from stack_counter.tasks import Workers, run_tasks
 
 _LOG = logging.getLogger(__name__)
 # File beside the shards with a line of JSON for each.
 LOG_FILE = "simulate.log"
-# A run gives up after so many pools that lost a worker; chosen.
-_MAX_POOLS = 5
 
 
-@dataclass
-class _Run:
-    """A run in progress.
-
-    Attributes:
-        out: folder of the shards.
-        seed, recipe: what the scenes are made from.
-        workers: number of processes.
-        sizes: number of scenes by shard that are not made yet.
-        failed: why a shard cannot be made, by its number.
-        advance: takes the number of scenes that have been made.
-    """
-
-    out: Path
-    seed: int
-    recipe: Recipe
-    workers: int
-    sizes: dict[int, int]
-    advance: Callable[[int], object]
-    failed: dict[int, str] = field(default_factory=dict)
-
-
-def simulate(out: Path, scenes: int, workers: int, seed: int, plan: str = "mixed",
+def simulate(out: Path, scenes: int, workers: Workers, seed: int, plan: str = "mixed",
              library: Path | None = None) -> None:
     """Makes scenes 0 to `scenes` - 1 that are not there yet; logs to `simulate.log` in `out`.
 
     Args:
-        out: folder of the shards.
+        out: folder of the shards, the same for every worker.
         scenes: number of scenes.
-        workers: number of processes.
+        workers: where.
         seed: seed of the run.
         plan: containers and fills, a name in `recipes.PLANS`.
         library: file of the parts to take, which is copied to `out`, or linked if it is a
@@ -80,6 +53,7 @@ def simulate(out: Path, scenes: int, workers: int, seed: int, plan: str = "mixed
         ShapeError: the library is damaged.
         SceneError: `out` holds scenes of another seed, plan or library, or some scenes could
             not be made; the others are there.
+        ConfigError: the Ray cluster cannot be reached, or Ray is not installed.
     """
     shapes = open_library(library) if library else None
     recipe = Recipe(plan, shapes or ())
@@ -92,16 +66,20 @@ def simulate(out: Path, scenes: int, workers: int, seed: int, plan: str = "mixed
     shards = range(-(-scenes // SCENES_PER_SHARD))
     sizes = {n: min(SCENES_PER_SHARD, scenes - n * SCENES_PER_SHARD) for n in shards}
     missing = {n: size for n, size in sizes.items() if not _is_whole(shard_path(out, n), size)}
-    with progress_bar("simulate", "scenes", scenes, scenes - sum(missing.values())) as advance:
-        run = _Run(out, seed, recipe, workers, missing, advance)
-        for _ in range(_MAX_POOLS):
-            _make_shards(run)
-            if set(run.sizes) <= set(run.failed):
-                break
-            _LOG.error("a worker was killed; %d shards begin again", len(run.sizes))
-    if run.sizes:
-        why = next(iter(run.failed.values()), "workers were killed too often")
-        raise SceneError(f"{len(run.sizes)} of {len(shards)} shards in {out} are missing: {why}")
+    failed: list[str] = []
+    with progress_bar("simulate", "scenes", scenes, scenes - sum(missing.values())) as advance, \
+            open(out / LOG_FILE, "a", buffering=1) as log:
+        make = partial(_make_shard, out.absolute(), seed, recipe)
+        for (number, size), shard in run_tasks(make, missing.items(), workers):
+            try:
+                log.write(json.dumps(shard.result()) + "\n")
+                advance(size)
+            except Exception as error:  # whatever it was, the rest of the run survives
+                _LOG.error("shard %d: %s: %s", number, type(error).__name__, error)
+                failed.append(str(error))
+    if failed:
+        raise SceneError(f"{len(failed)} of {len(shards)} shards in {out} are missing: "
+                         f"{failed[0]}")
 
 
 def _name_library(library: Library | None) -> dict:
@@ -120,30 +98,9 @@ def _claim_folder(out: Path, made_from: dict) -> None:
     path.write_text(json.dumps(made_from) + "\n")
 
 
-def _make_shards(run: _Run) -> None:
-    """Makes shards until all are made or have failed, or a worker is killed.
-
-    Those made go from `run.sizes`.
-    """
-    remaining = {n: size for n, size in sorted(run.sizes.items()) if n not in run.failed}
-    with worker_pool(run.workers) as pool, open(run.out / LOG_FILE, "a", buffering=1) as log:
-        jobs: dict[Future, int] = {
-            pool.submit(_make_shard, run.out, n, size, run.seed, run.recipe): n
-            for n, size in remaining.items()}
-        for job in as_completed(jobs):
-            number = jobs[job]
-            try:
-                log.write(json.dumps(job.result()) + "\n")
-                run.advance(run.sizes.pop(number))
-            except BrokenProcessPool:
-                continue
-            except Exception as error:  # whatever it was, the rest of the run survives
-                _LOG.error("shard %d: %s: %s", number, type(error).__name__, error)
-                run.failed[number] = str(error)
-
-
-def _make_shard(out: Path, number: int, size: int, seed: int, recipe: Recipe) -> dict:
-    """Makes one shard and returns its line of the log."""
+def _make_shard(out: Path, seed: int, recipe: Recipe, task: tuple[int, int]) -> dict:
+    """Makes one shard, given its number and size, and returns its line of the log."""
+    number, size = task
     start, failed_tries = time.time(), Counter[str]()
     first = number * SCENES_PER_SHARD
     scenes = [make_scene(seed, i, recipe, failed_tries) for i in range(first, first + size)]

@@ -123,7 +123,8 @@ def add_part(request: NewPart, mesh: PartMesh, config: Config, catalogue: Path,
                 learnt.tuned if learnt else before.tuned if before else None,
                 f"{date.today()} from {request.mesh_path.name}, unit {request.unit}",
                 history_at_volume(old, mesh.unit_volume, request.force),
-                outer_size_m=form.outer_size_m, mesh_measures=form.mesh)
+                outer_size_m=form.outer_size_m, mesh_measures=form.mesh,
+                piece_weight=old.piece_weight if old and not request.force else None)
     save_part(part, catalogue)
     return AddedPart(part, learnt)
 

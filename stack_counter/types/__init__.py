@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The nouns of the package as frozen dataclasses: SI units, optical camera frames, z-up world."""
 
+from stack_counter.types.filling_level import CellFillingLevel, FillingLevel, RangeValue
 from stack_counter.types.part_form import KnownForm, KnownLevel, MeshMeasures
 from stack_counter.types.part_request import PartRequest
 from stack_counter.types.reasons import Reason
-from stack_counter.types.results import OccupancyEstimate, StackCount, StackVolume
+from stack_counter.types.results import (
+    OccupancyEstimate,
+    SourceCount,
+    StackCount,
+    StackVolume,
+)
 from stack_counter.types.shapes import (
     CONTAINER_KINDS,
     Container,
@@ -29,7 +35,9 @@ __all__ = [
     "BACKGROUND",
     "CONTAINER",
     "CONTAINER_KINDS",
+    "CellFillingLevel",
     "Container",
+    "FillingLevel",
     "HeightMap",
     "InnerMap",
     "Intrinsics",
@@ -41,7 +49,9 @@ __all__ = [
     "OccupancyEstimate",
     "PARTS",
     "PartRequest",
+    "RangeValue",
     "Reason",
+    "SourceCount",
     "StackCount",
     "StackVolume",
     "UNLABELLED",

@@ -118,6 +118,17 @@ class Reason(str, Enum):
     BAG_TRUNCATED = (
         "bag_truncated", "The recording is cut short and was counted from what is left of it; "
         "record again, and end the recorder before the file is copied.", True)
+    FOREIGN_PARTS_OR_WRONG_BIN = (
+        "foreign_parts_or_wrong_bin", "The weight on the scale and what the views show differ by "
+        "more than three standard deviations, as with foreign parts, another container or a wrong "
+        "tare; the count is by vision alone, the interval reaches over both: check the content, "
+        "the part and tare_kg.", True)
+    NO_WEIGHT = (
+        "no_weight", "The scale gave no stable weight in time, so the count is by vision alone; "
+        "check weight_topic, what touches the container, and weight_max_age_s.", True)
+    WEIGHT_UNUSED = (
+        "weight_unused", "The weight was not used, because the catalogue has no piece_weight_g of "
+        "the part or several regions share the scale; weigh some pieces and enter their mean.")
     SINGLE_VIEW = (
         "single_view", "gamma was read from one depth image, without walls and floor of the "
         "container; record aligned depth in every view.")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from stack_counter.types.filling_level import FillingLevel
 from stack_counter.types.reasons import Reason
 from stack_counter.types.shapes import Container, HeightMap, Mesh
 from stack_counter.types.views import KeyView, ViewTally
@@ -40,6 +41,7 @@ class StackVolume:
         volume_parts: what V is made of, m3, together V: `seen`, `filled` in where no view saw,
             and `wall`, beside a wall, where the height is that of what lies next to it; empty
             if unknown, as in a volume that came by message.
+        filling_level: over a grid on the container's floor; None where there is no container.
     """
 
     stamp_ns: int
@@ -61,6 +63,7 @@ class StackVolume:
     view_agreement_m: float = 0.0
     resolution_m: float = 0.0
     volume_parts: dict[str, float] = field(default_factory=dict)
+    filling_level: FillingLevel | None = None
 
     @property
     def overfilled(self) -> bool:
@@ -100,6 +103,23 @@ class OccupancyEstimate:
     counted_scans: int = 0
 
 
+@dataclass(frozen=True)
+class SourceCount:
+    """What one source alone says of the number of parts.
+
+    Attributes:
+        source: `vision` (gamma * V / v) or `weight` (of the parts, over that of a piece).
+        count: parts.
+        count_interval: (low, high) with low <= count <= high, of the joined count's confidence.
+        share: how much it weighs in the joined count; those of all sources are 1 together.
+    """
+
+    source: str
+    count: int
+    count_interval: tuple[int, int]
+    share: float
+
+
 @dataclass(frozen=True, eq=False)
 class StackCount:
     """The answer: how many parts, and how sure.
@@ -118,7 +138,10 @@ class StackCount:
         reasons: what qualifies the count.
         seconds: time spent by stage, s.
         distribution: (n,) float64 counts, rising, each as likely as the others: the estimator's
-            scores times the relative standard deviation; None in a count that came by message.
+            scores times the relative standard deviation, or joined with a weight; None in a count
+            that came by message.
+        sources: what each source alone says, vision first.
+        net_weight_kg: weight of the parts, kg; None where no weight was used.
     """
 
     count: int
@@ -135,3 +158,5 @@ class StackCount:
     counted_scans: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
     distribution: np.ndarray | None = None
+    sources: tuple[SourceCount, ...] = ()
+    net_weight_kg: float | None = None

@@ -65,7 +65,7 @@ def test_the_grid_of_a_heap_shows_heights_in_mm_and_leaves_the_rest_free():
     heights[:20], heights[20:, :20] = 0.02, 0.04
     top = replace(volume.top, heights=heights)
     grid = fill_grid(replace(volume, top=top, inner=replace(top, heights=0 * heights),
-                             container=Container("none", np.eye(4))))
+                             container=Container("none", np.eye(4)), filling_level=None))
     assert grid.unit == "mm" and {cell.text for row in grid.rows for cell in row} == {
         "20", "40", ""}
     assert grid.rows[0][0].text == "40" and grid.rows[0][-1].text == ""  # y upwards

@@ -10,12 +10,15 @@ from stack_counter.counting import make_count
 from stack_counter.types import (
     CONTAINER,
     PARTS,
+    CellFillingLevel,
     Container,
+    FillingLevel,
     HeightMap,
     Intrinsics,
     KeyView,
     Mesh,
     OccupancyEstimate,
+    RangeValue,
     Reason,
     StackVolume,
     ViewTally,
@@ -66,6 +69,23 @@ def key_view():
                    np.full(labels.shape, 0.55, np.float32), color)
 
 
+def filling_level(cells=8):
+    """The level over a grid of cells of 37.5 x 40 mm, as the slope has it."""
+    rows = round(cells * SHAPE[0] / SHAPE[1])
+    width, length = INNER[0] / cells, INNER[1] / rows
+
+    def cell(low, high, x, y, size):
+        mean = (low + high) / 2
+        return CellFillingLevel(
+            size, (x, y, FLOOR + INNER[2]), RangeValue(100 * low, 100 * high, 100 * mean),
+            RangeValue(*(INNER[2] * (1 - share) for share in (high, low, mean))), 0.93)
+
+    grid = tuple(cell(col / cells, (col + 1) / cells, (col + 0.5) * width - INNER[0] / 2,
+                      (row + 0.5) * length - INNER[1] / 2, (width, length))
+                 for row in range(rows) for col in range(cells))
+    return FillingLevel(cell(0.0, 1.0, 0.0, 0.0, INNER[:2]), grid, (cells, rows))
+
+
 def counted_bin(reasons=(Reason.ONE_SIDE,), **changes):
     """A count of 100 parts: V 3 litres, gamma 0.4, v 12 cm3; `changes`: of its volume."""
     T = geometry.pose(np.eye(3), np.array([-INNER[0] / 2, -INNER[1] / 2, 0]))
@@ -77,7 +97,8 @@ def counted_bin(reasons=(Reason.ONE_SIDE,), **changes):
         inner=HeightMap(T, PITCH, floor), key_view=key_view(),
         views=ViewTally(14, 11, {"blurred": 2, "no_tf": 1}), reasons=tuple(reasons),
         mesh=surface(), view_agreement_m=0.0012, seconds={"integrate": 1.5, "finish": 0.5},
-        volume_parts={"seen": 2.4e-3, "filled": 4e-4, "wall": 2e-4}), **changes})
+        volume_parts={"seen": 2.4e-3, "filled": 4e-4, "wall": 2e-4},
+        filling_level=filling_level()), **changes})
     estimate = OccupancyEstimate(0.4, 0.02, SCORES, "network", counted_scans=3,
                                  shares={"estimator": 0.25, "counted": 0.75})
     return replace(make_count(volume, 12e-6, estimate, 0.9), seconds=volume.seconds)

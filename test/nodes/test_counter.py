@@ -12,9 +12,10 @@ from kits.result_schema import read_result
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from stack_counter_msgs.msg import Container, StackCount, StackVolume
-from std_msgs.msg import Header
+from std_msgs.msg import Header, String
 from visualization_msgs.msg import MarkerArray
 
+from stack_counter.display.result_schema import flat_line
 from stack_counter.types import Reason
 
 SPACE = "/stack_counter"
@@ -46,7 +47,8 @@ def ros(ros_of_module):
 
 @pytest.fixture(scope="module")
 def counter(ros):
-    ros.start("counter", estimator="prior", result_log=ros.folder / "results.jsonl")
+    ros.start("counter", estimator="prior", result_log=ros.folder / "results.jsonl",
+              result_json="true")
     volumes = ros.node.create_publisher(StackVolume, f"{SPACE}/volume", LATCHED)
     results = ros.collect_messages(StackCount, f"{SPACE}/result", LATCHED)
     running = ros.collect_messages(StackCount, f"{SPACE}/running_count")
@@ -153,8 +155,9 @@ def test_a_latecomer_gets_the_last_result_of_each_region(ros, counter):
     assert sorted(got) == sorted(latest.values())
 
 
-def test_every_final_result_is_a_line_of_the_log(ros, counter):
+def test_every_final_result_is_a_line_of_the_log_and_flat_json(ros, counter):
     log = ros.folder / "results.jsonl"
+    texts = ros.collect_messages(String, f"{SPACE}/result_json", LATCHED)
     count = counter(scan_id="k", unit_volume=1e-6, stack_volume=1e-3, stack_volume_std=1e-5,
                     container=Container(kind="none"))
     counter(scan_id="l", error="2 views used")
@@ -163,3 +166,7 @@ def test_every_final_result_is_a_line_of_the_log(ros, counter):
     assert (good["scan_id"], good["count"]) == ("k", count.count)
     assert good["count_interval"] == [count.count_low, count.count_high]
     assert (failed["scan_id"], failed["error"]) == ("l", "2 views used")
+    ros.wait(lambda: texts and '"l"' in texts[-1].data, "the last scan as JSON")
+    assert read_result(texts[-1].data, "flat") == flat_line(failed)
+    counter(final=False, scan_id="m", unit_volume=1e-6, stack_volume=1e-3)
+    assert '"m"' not in texts[-1].data

@@ -44,8 +44,9 @@ def value(x):
 @pytest.fixture(scope="module")
 def ros(ros_of_module):
     """Three nodes and who looks at them."""
+    counter = {"estimator": "prior", "result_json": "true"}
     for name in SETTINGS:
-        ros_of_module.start(name, **({"estimator": "prior"} if name == "counter" else {}))
+        ros_of_module.start(name, **(counter if name == "counter" else {}))
     return ros_of_module
 
 

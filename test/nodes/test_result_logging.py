@@ -6,16 +6,25 @@ from types import SimpleNamespace
 import pytest
 from builtin_interfaces.msg import Time
 from kits.result_schema import read_result
-from stack_counter_msgs.msg import Container, StackCount, StackVolume, StageSeconds, ViewTally
+from stack_counter_msgs.msg import (
+    CellFillingLevel,
+    Container,
+    GridSize,
+    StackCount,
+    StackVolume,
+    StageSeconds,
+    ViewTally,
+)
 from std_msgs.msg import Header
 
 from stack_counter.config import CounterConfig
 from stack_counter.display.report import as_dict
-from stack_counter.display.result_schema import log_columns
+from stack_counter.display.result_schema import flat_line
 from stack_counter.errors import ConfigError
-from stack_counter.nodes.result_logging import ResultLogging, result_line
+from stack_counter.nodes.result_logging import ResultLogging
 from stack_counter.ros.conversions import failed_count, from_stack_count, from_stack_volume
 from stack_counter.ros.diagnostics import WARN
+from stack_counter.ros.result_line import result_line, to_flat_json
 
 HEADER = Header(stamp=Time(sec=1_700_000_000, nanosec=123_456_789), frame_id="cell")
 
@@ -25,7 +34,9 @@ def counted(**fields):
     views = ViewTally(received=8, used=6, skip_reasons=["no_tf"], skip_counts=[2])
     volume = StackVolume(header=HEADER, scan_id="scan 7", region="left", part="nut", final=True,
                          unit_volume=1e-6, stack_volume=1e-3, stack_volume_std=1e-5, coverage=0.9,
-                         container=Container(kind="box"), views=views)
+                         container=Container(kind="box"), views=views,
+                         filling_level_cell_count=GridSize(x=2, y=1),
+                         cells_filling_levels=[CellFillingLevel(coverage=0.9)] * 2)
     count = StackCount(header=HEADER, scan_id="scan 7", region="left", part="nut", final=True,
                        count=600, count_low=550, count_high=650, confidence=0.9, gamma=0.6,
                        gamma_std=0.02, unit_volume=1e-6, stack_volume=1e-3, views=views,
@@ -52,7 +63,10 @@ def test_a_line_says_whose_count_it_is_and_what_replay_says(tmp_path):
     own = {"scan_id": "scan 7", "stamp": "2023-11-14T22:13:20.123456Z", "region": "left",
            "part": "nut", "verdict": "pass"}
     replayed = as_dict(from_stack_count(count, from_stack_volume(volume)), [])
-    assert replayed.pop("counts") == [] and line == own | replayed
+    assert replayed.pop("counts") == [] and replayed.pop("filling_level_cell_count") == {
+        "x": 2, "y": 1}
+    assert len(replayed.pop("cells_filling_levels")) == 2  # what is long is left out
+    assert line == own | replayed
     assert not warnings and log.status_lines() == []
 
 
@@ -65,6 +79,19 @@ def test_a_failed_count_is_a_line_with_its_reason(tmp_path):
     assert line["error"].startswith("2 views used") and line["views"]["skipped"] == {"no_tf": 2}
 
 
+def test_the_flat_json_has_every_value_of_the_line_by_one_name():
+    count, volume = counted()
+    flat = read_result(to_flat_json(count, volume).data, "flat")
+    assert flat == flat_line(result_line(count, volume))
+    assert (flat["count"], flat["count_interval.1"], flat["views.used"]) == (600, 650, 6)
+    assert (flat["reasons"], flat["views.skipped"]) == ('["one_side"]', '{"no_tf": 2}')
+    failed = read_result(to_flat_json(failed_count("2 views used", volume), volume).data, "flat")
+    assert failed["status"] == "error" and failed["error"] == "2 views used"
+    assert failed["count"] is None and failed["count_interval.0"] is None
+    assert failed.keys() == flat.keys()
+    assert not any(isinstance(value, (dict, list)) for value in flat.values())
+
+
 def test_every_key_of_a_line_has_a_column():
     count, volume = counted()
 
@@ -73,7 +100,7 @@ def test_every_key_of_a_line_has_a_column():
             else len(value) if isinstance(value, list) and len(value) in (2, 3, 4) else 1
 
     line = result_line(count, volume)
-    assert len(log_columns({})) == leaves(line) + 1  # and that of the error
+    assert len(flat_line({})) == leaves(line) + 1  # and that of the error
 
 
 def test_running_counts_and_no_log_write_nothing(tmp_path):

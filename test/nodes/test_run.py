@@ -12,10 +12,12 @@ from pathlib import Path
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from kits.harness import LATCHED, PATIENCE_S, Camera
+from kits.result_schema import read_result
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from stack_counter_msgs.msg import ScanStatus, StackCount, StackVolume
 from stack_counter_msgs.srv import StartScan
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from stack_counter.cli import main
@@ -36,13 +38,14 @@ def test_a_node_that_is_killed_comes_back_and_its_scan_is_reported_lost(ros, tmp
     settings = tmp_path / "p.yaml"
     settings.write_text(
         '/stack_counter/collector: {ros__parameters: {depth_topic: ""}}\n'
-        "/stack_counter/counter: {ros__parameters: {estimator: prior}}\n")
+        "/stack_counter/counter: {ros__parameters: {estimator: prior, result_json: true}}\n")
     log = open(tmp_path / "run.log", "w")
     run = subprocess.Popen([sys.executable, "-m", "stack_counter", "run", "--config",
                             str(settings)], stdout=log, stderr=subprocess.STDOUT,
                            env={**os.environ, **ros.environment})
     ros.processes.append(run)
     counts = ros.collect_messages(StackCount, f"{SPACE}/result", LATCHED)
+    texts = ros.collect_messages(String, f"{SPACE}/result_json", LATCHED)
     states = ros.collect_messages(ScanStatus, f"{SPACE}/scan_status")
     diagnostics = ros.collect_messages(DiagnosticArray, "/diagnostics")
 
@@ -79,6 +82,8 @@ def test_a_node_that_is_killed_comes_back_and_its_scan_is_reported_lost(ros, tmp
         depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
     ros.wait(lambda: late, "the latched error")
     assert late[0].scan_id == "next"
+    ros.wait(lambda: texts and '"next"' in texts[-1].data, "the same as JSON")
+    assert read_result(texts[-1].data, "flat")["error"] == counts[-1].error
     ros.processes.remove(run)
     run.send_signal(signal.SIGTERM)
     assert run.wait(PATIENCE_S) == 0

@@ -19,6 +19,7 @@ from stack_counter.parts.calibration import calibrate, count_from_weight, histor
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import scans_of_same_rig
 from stack_counter.stack_count import count_stack
+from stack_counter.weighing import PieceWeight
 
 
 @pytest.fixture
@@ -121,9 +122,11 @@ def test_weights_give_counts():
     part = Part(2e-6, "nut", density=2700.0)
     assert count_from_weight(part, 0.54, 0.0) == 100
     assert count_from_weight(part, 0.5, 5.0) == 100
+    weighed = replace(part, piece_weight=PieceWeight(0.006, 6e-5))
+    assert count_from_weight(weighed, 0.6, 0.0) == count_from_weight(weighed, 0.5, 5.0) == 100
     with pytest.raises(PartError, match="known to 5.0%, .* expected the weight of a piece"):
         count_from_weight(replace(part, unit_volume_std=1e-7), 0.54, 0.0)
-    with pytest.raises(PartError, match="no density_g_cm3"):
+    with pytest.raises(PartError, match="nor density_g_cm3"):
         count_from_weight(Part(2e-6, "nut"), 0.5, 0.0)
     with pytest.raises(PartError, match="above 0"):
         count_from_weight(part, float("nan"), 1.0)

@@ -16,13 +16,18 @@ from stack_counter import geometry
 from stack_counter.ros import conversions as convert
 from stack_counter.ros.part_fields import from_part_fields, to_part_fields
 from stack_counter.ros.standard_messages import to_header, to_image, to_time
+from stack_counter.ros.verdicts import set_verdict
 from stack_counter.types import (
+    CellFillingLevel,
     Container,
+    FillingLevel,
     HeightMap,
     Intrinsics,
     KeyView,
     PartRequest,
+    RangeValue,
     Reason,
+    SourceCount,
     StackCount,
     StackVolume,
     View,
@@ -59,6 +64,12 @@ def example_heights(seed):
     return heights
 
 
+def example_cell(seed):
+    random = np.random.default_rng(seed)
+    return CellFillingLevel(tuple(random.random(2).tolist()), tuple(random.random(3).tolist()), *(
+        RangeValue(*random.random(3).tolist()) for _ in range(2)), coverage=float(random.random()))
+
+
 def examples():
     """One object of every type that is sent; no field has its default value."""
     intrinsics = Intrinsics(6, 4, 610.5, 611.5, 2.5, 1.5, "plumb_bob",
@@ -78,12 +89,15 @@ def examples():
         views=tally, reasons=(Reason.LOW_COVERAGE, Reason.ONE_SIDE), one_side=True,
         seconds={"finish": 0.25},
         missing_cameras=("left", "back"), region="bin_2", view_agreement_m=0.0012,
-        resolution_m=0.0025)
+        resolution_m=0.0025, filling_level=FillingLevel(example_cell(1), (
+            example_cell(2), example_cell(3)), (2, 1)))
     count = StackCount(
         count=412, count_interval=(391, 430), confidence=0.95, gamma=0.33, gamma_std=0.02,
         unit_volume=2e-6, volume=volume, estimator="network", status="degraded",
         reasons=(Reason.NO_DEPTH, Reason("of_a_newer_node")),
-        gamma_shares={"estimator": 0.75, "piles": 0.25}, counted_scans=3, seconds={"gamma": 0.125})
+        gamma_shares={"estimator": 0.75, "piles": 0.25}, counted_scans=3, seconds={"gamma": 0.125},
+        sources=(SourceCount("vision", 402, (380, 440), 0.2),
+                 SourceCount("weight", 414, (412, 417), 0.8)), net_weight_kg=1.25)
     return {type(example).__name__: example for example in
             (intrinsics, view, container, top, key_view, tally, volume, count)}
 
@@ -179,9 +193,15 @@ def test_view_without_images_stays_without():
 
 
 def test_volume_without_maps_and_key_view_stays_without():
-    volume = dataclasses.replace(examples()["StackVolume"], top=None, inner=None, key_view=None)
+    volume = dataclasses.replace(examples()["StackVolume"], top=None, inner=None, key_view=None,
+                                 filling_level=None)
     received = received_volume(volume)
-    assert received.top is received.inner is received.key_view is None
+    assert received.top is received.inner is received.key_view is received.filling_level is None
+
+
+def test_a_count_without_a_weight_stays_without():
+    count = dataclasses.replace(examples()["StackCount"], net_weight_kg=None)
+    assert received_count(count).net_weight_kg is None
 
 
 def test_a_volume_is_sent_with_what_its_scan_asked_for():
@@ -195,6 +215,9 @@ def test_a_volume_is_sent_with_what_its_scan_asked_for():
     assert (count.stack_volume, count.stack_volume_std) == (1.25e-3, 2e-5)
     assert (count.container, count.views, count.missing_cameras) == (
         message.container, message.views, message.missing_cameras)
+    assert count.overfilled and count.cells_filling_levels == message.cells_filling_levels
+    assert (count.overall_filling_level, count.filling_level_cell_count) == (
+        message.overall_filling_level, message.filling_level_cell_count)
 
 
 def test_failed_count_says_why():
@@ -213,7 +236,7 @@ def test_failed_count_says_why():
                                         "straddles 400 +- 20")])
 def test_verdict_is_set_and_explained(expected, verdict, text):
     message = StackCountMsg(count=412, count_low=391, count_high=430, confidence=0.9)
-    assert convert.set_verdict(message, expected, 20) == text
+    assert set_verdict(message, expected, 20) == text
     assert message.verdict == verdict
 
 

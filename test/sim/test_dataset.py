@@ -22,6 +22,7 @@ from stack_counter.sim.physics.recipes import Recipe
 from stack_counter.sim.scenes.scene import SceneError
 from stack_counter.sim.scenes.shards import SCENES_PER_SHARD, shard_path
 from stack_counter.sim.shapes import make_shape
+from stack_counter.tasks import Workers
 
 pytest.importorskip("sapien", reason="the physics engine has no wheel for this Python")
 
@@ -34,7 +35,7 @@ def made(out, scenes=COUNT, workers=1, recipe=RECIPE):
     """`simulate` with a recipe of small scenes; its processes get it as they get any."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("stack_counter.sim.dataset.Recipe", lambda *_: recipe)
-        simulate(out, scenes, workers, SEED)
+        simulate(out, scenes, Workers(workers), SEED)
 
 
 def contents(folder):
@@ -115,7 +116,7 @@ def test_two_workers_and_a_killed_one_give_the_same_files(run, tmp_path, caplog)
 def test_scenes_of_another_seed_are_not_mixed_in(tmp_path):
     made(tmp_path, scenes=1)
     with pytest.raises(SceneError, match="made from .*'seed': 5.*; expected .*'seed': 6"):
-        simulate(tmp_path, 1, 1, SEED + 1)
+        simulate(tmp_path, 1, Workers(), SEED + 1)
 
 
 @pytest.mark.parametrize("damage, message", [
@@ -127,7 +128,7 @@ def test_scenes_of_another_seed_are_not_mixed_in(tmp_path):
 def test_a_damaged_note_of_what_a_run_is_made_from_is_refused(tmp_path, damage, message):
     (tmp_path / "run.json").write_bytes(damage)
     with pytest.raises(SceneError, match="run.json " + message) as error:
-        simulate(tmp_path, 1, 1, SEED)
+        simulate(tmp_path, 1, Workers(), SEED)
     assert "\n" not in str(error.value)
     assert (tmp_path / "run.json").read_bytes() == damage, "it stays for whoever looks into it"
 
@@ -162,7 +163,7 @@ def test_the_parts_of_a_library_lie_beside_the_scenes(tmp_path):
              face_offsets=np.cumsum([0, *(len(p.faces) for p in parts)]),
              vertices=np.concatenate([p.vertices for p in parts]).astype(np.float32),
              faces=np.concatenate([p.faces for p in parts]))
-    simulate(tmp_path / "out", 2, 1, SEED, "box", tmp_path / "some.npz")
+    simulate(tmp_path / "out", 2, Workers(), SEED, "box", tmp_path / "some.npz")
     scenes = list(read_scenes(tmp_path / "out"))
     assert {s.shape.family for s in scenes} == {"crate", "brick"}
     for scene in scenes:

@@ -21,7 +21,7 @@ class ChartSettings:
         max_bars: of the histogram; twice the cube root of the number of values if that is less
             (Rice's rule).
         tail: share of the counts beyond each end of the histogram.
-        grid_cells: of the fill grid along the longer side of the opening.
+        grid_cells: of a heap's grid along its longer side; that of a container is a setting.
         min_cell_share: share of a cell of the grid that lies over the opening, or else it is
             empty.
         ticks: about so many of an axis.
@@ -131,17 +131,24 @@ class FillGrid:
 
 
 def fill_grid(volume: StackVolume) -> FillGrid | None:
-    """Returns the fill over the floor, or heights over the support plane; None without a map."""
+    """Returns the filling level, or heights over the support plane; None if neither is known."""
+    if volume.filling_level is not None:
+        cols, rows = volume.filling_level.cell_count
+        means = [cell.level_in_percent.mean for cell in volume.filling_level.cells]
+        return _grid_of(np.reshape(means, (rows, cols)), 100.0, "%")
     if volume.top is None or volume.inner is None:
         return None
-    fill = np.maximum(volume.top.heights - volume.inner.heights, 0)
-    if not np.isfinite(fill).any():
+    heights = np.maximum(volume.top.heights - volume.inner.heights, 0)
+    if not np.isfinite(heights).any():
         return None
-    depth = volume.container.inner_size_m[2]
-    levels = cell_means(fill) * (100 / depth if depth else 1000)
-    full = 100.0 if depth else max(float(np.nanmax(levels)), 1e-9)
+    levels = 1000 * cell_means(heights)
+    return _grid_of(levels, max(float(np.nanmax(levels)), 1e-9), "mm")
+
+
+def _grid_of(levels: np.ndarray, full: float, unit: str) -> FillGrid:
+    """Returns the grid of (rows, cols) levels; `full`: the level that is drawn as full."""
     rows = tuple(tuple(_grid_cell(level, level / full) for level in row) for row in levels[::-1])
-    return FillGrid(rows, "%" if depth else "mm")
+    return FillGrid(rows, unit)
 
 
 def cell_means(values: np.ndarray) -> np.ndarray:

@@ -99,6 +99,9 @@ def _facts(count: StackCount) -> list[tuple[str, str]]:
                   ("Wall", f"{1000 * container.wall_thickness_m:.1f} mm"),
                   ("Fill level", f"{mean:.0%} (lowest {low:.0%}, highest {high:.0%})"
                                  + (", above the rim" if volume.overfilled else ""))]
+    if len(count.sources) > 1:
+        facts += [(f"Count by {s.source} alone", f"{s.count} ({s.count_interval[0]} to "
+                   f"{s.count_interval[1]}), weighs {s.share:.1%}") for s in count.sources]
     facts += [("Footprint seen", f"{volume.coverage:.0%}")]
     if volume.view_agreement_m:
         facts.append(("Views apart", f"{1000 * volume.view_agreement_m:.1f} mm"))

@@ -6,7 +6,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
+
+from stack_counter.config import Config
+from stack_counter.counting import verdict
+from stack_counter.types import StackCount
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,3 +43,22 @@ class ReportSubject:
                  repr(getattr(section, item.name)) != repr(item.default))
                 for node, section in self.settings.items()
                 for item in dataclasses.fields(section)]
+
+
+def report_subject(bag: Path, config: Config, part: str, count: StackCount,
+                   true_count: int | None = None) -> ReportSubject:
+    """Returns what a report of a replayed bag is of.
+
+    Args:
+        bag: that was replayed.
+        config: settings that it was counted with.
+        part: name of what is in the bin; empty where only its volume was given.
+        count: final count.
+        true_count: number of parts that are really there; None where nobody knows.
+    """
+    wanted, tolerance = config.counter.expected_count, config.counter.tolerance
+    return ReportSubject(
+        scan=bag.resolve().name, part=part,
+        verdict=verdict(count.count_interval, wanted, tolerance),
+        expected=f"expected {wanted} ± {tolerance}" if wanted else "",
+        true_count=true_count, settings=vars(config))

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.config import CounterConfig
 from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, ViewError
@@ -24,6 +23,7 @@ from stack_counter.occupancy.known_form import form_of_mesh
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
 from stack_counter.progress import progress
 from stack_counter.sim import Scene, Shape, ideal_surface, reconstruct, reconstruct_from_pictures
+from stack_counter.tasks import Workers, map_tasks
 from stack_counter.types import Container, HeightMap, KnownForm, StackVolume, ViewTally
 
 # Rows of the tables, and the estimators that they stand for.
@@ -52,10 +52,8 @@ def measure_cases(options: argparse.Namespace) -> list[Case]:
     """Measures all scenes of the set that hold parts."""
     jobs = [(scene, options.depth, options.views, options.confidence, options.weights)
             for scene in read_filled_scenes(options.set, options.scenes)]
-    if options.workers == 1:
-        return [_measure_case(*job) for job in progress(jobs, "cases", "scenes")]
-    with worker_pool(options.workers) as pool:
-        return list(progress(pool.map(_measure_job, jobs), "cases", "scenes", len(jobs)))
+    return list(progress(map_tasks(_measure_job, jobs, Workers.of(options)), "cases", "scenes",
+                         len(jobs)))
 
 
 def _measure_job(job: tuple) -> Case:

@@ -19,6 +19,7 @@ from stack_counter.eval.live import LiveCount
 from stack_counter.eval.robustness import Outcome
 from stack_counter.eval.surface import SurfaceCase
 from stack_counter.eval.volume import VolumeCase
+from stack_counter.eval.weight import WeighedScan
 from stack_counter.types import Reason
 
 PAGE = (Path(__file__).parents[3] / "docs" / "json.md").read_text()
@@ -52,7 +53,8 @@ def test_numbers_that_there_are_not_are_null(tmp_path):
 @pytest.mark.parametrize("kind, row", [
     ("count", Case), ("volume", VolumeCase), ("live", LiveCount), ("robustness", Outcome),
     ("parts", PartCount), ("images", PictureErrors), ("images", DepthErrors),
-    ("benchmark", BenchmarkRow), ("surface", SurfaceCase), ("surface", BandPower)])
+    ("benchmark", BenchmarkRow), ("surface", SurfaceCase), ("surface", BandPower),
+    ("weight", WeighedScan)])
 def test_the_page_names_every_key(kind, row):
     cells = [cells[2] for cells in TABLE if f"`{kind}`" in cells[0] and "summary" not in cells[1]]
     assert {field.name for field in fields(row)} <= set(re.findall(r"`(\w+)`", " ".join(cells)))

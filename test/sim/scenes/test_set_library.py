@@ -17,6 +17,7 @@ from stack_counter.sim.scenes.scene import Scene, SceneError
 from stack_counter.sim.scenes.set_library import find_library, library_digest
 from stack_counter.sim.scenes.shards import write_shard
 from stack_counter.sim.shapes.library import open_library
+from stack_counter.tasks import Workers
 
 
 @pytest.fixture
@@ -30,7 +31,7 @@ def collection(tmp_path):
 def folder(tmp_path, collection):
     """A set with two scenes of the collection, as `simulate` leaves it."""
     shapes, folder = open_library(collection), tmp_path / "train-real"
-    simulate(folder, 0, 1, 7, "deep", collection)
+    simulate(folder, 0, Workers(), 7, "deep", collection)
     poses = np.tile([0, 0, 0.02, 0, 0, 0, 1.0], (3, 1))
     poses[:, 0] = [-0.04, 0, 0.04]
     box = ContainerShape("bin", np.eye(4), (0.3, 0.3, 0.1), 0.003, 0.003)
@@ -47,7 +48,7 @@ def test_scenes_of_a_collection_are_read_by_a_link_to_it(folder, collection):
     assert json.loads((folder / "run.json").read_text()) == {
         "seed": 7, "plan": "deep", "library": library_digest(collection),
         "credits": {"BrickYard, CC BY 4.0": 2, "ChipShop, CC-BY-SA 4.0": 1}}
-    simulate(folder, 0, 1, 7, "deep", folder / "shapes.npz")
+    simulate(folder, 0, Workers(), 7, "deep", folder / "shapes.npz")
     assert (folder / "shapes.npz").resolve() == collection
 
 

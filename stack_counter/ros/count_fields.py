@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What volumes and counts say besides their numbers: filling level, and what each source counts.
+
+`StackVolume` and `StackCount` have the fields of the filling level both.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+from geometry_msgs.msg import Point
+from stack_counter_msgs.msg import CellFillingLevel as CellMsg
+from stack_counter_msgs.msg import GridSize, Rectangle
+from stack_counter_msgs.msg import RangeValue as RangeMsg
+from stack_counter_msgs.msg import SourceCount as SourceCountMsg
+from stack_counter_msgs.msg import StackCount as StackCountMsg
+from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
+
+from stack_counter.types import CellFillingLevel, FillingLevel, RangeValue, SourceCount
+
+WithFillingLevel: TypeAlias = "StackCountMsg | StackVolumeMsg"
+
+
+def set_filling_level(message: WithFillingLevel, level: FillingLevel | None) -> None:
+    """Sets the fields of the filling level; they keep zeros where there is none."""
+    if level is None:
+        return
+    message.overall_filling_level = _to_cell(level.overall)
+    message.cells_filling_levels = [_to_cell(cell) for cell in level.cells]
+    x, y = level.cell_count
+    message.filling_level_cell_count = GridSize(x=x, y=y)
+
+
+def copy_filling_level(message: StackCountMsg, volume: StackVolumeMsg) -> None:
+    """Gives a count the filling level of the volume that it was counted from."""
+    message.overfilled = volume.overfilled
+    message.overall_filling_level = volume.overall_filling_level
+    message.cells_filling_levels = volume.cells_filling_levels
+    message.filling_level_cell_count = volume.filling_level_cell_count
+
+
+def filling_level_of(message: WithFillingLevel) -> FillingLevel | None:
+    """Returns the filling level of a message; None where it has no cells."""
+    count = message.filling_level_cell_count
+    if not count.x:
+        return None
+    return FillingLevel(_from_cell(message.overall_filling_level),
+                        tuple(_from_cell(cell) for cell in message.cells_filling_levels),
+                        (count.x, count.y))
+
+
+def _to_cell(cell: CellFillingLevel) -> CellMsg:
+    (width, length), (x, y, z) = cell.cell_size, cell.cell_position
+    return CellMsg(cell_size=Rectangle(x=width, y=length), cell_position=Point(x=x, y=y, z=z),
+                   level_in_percent=_to_range(cell.level_in_percent),
+                   level_free_in_meters=_to_range(cell.level_free_in_meters),
+                   coverage=cell.coverage)
+
+
+def _from_cell(message: CellMsg) -> CellFillingLevel:
+    size, position = message.cell_size, message.cell_position
+    return CellFillingLevel((size.x, size.y), (position.x, position.y, position.z),
+                            _from_range(message.level_in_percent),
+                            _from_range(message.level_free_in_meters), message.coverage)
+
+
+def _to_range(value: RangeValue) -> RangeMsg:
+    return RangeMsg(min=value.min, max=value.max, mean=value.mean)
+
+
+def _from_range(message: RangeMsg) -> RangeValue:
+    return RangeValue(message.min, message.max, message.mean)
+
+
+def to_sources(sources: tuple[SourceCount, ...]) -> list[SourceCountMsg]:
+    """Returns the messages of what each source counts."""
+    return [SourceCountMsg(source=s.source, count=s.count, count_low=s.count_interval[0],
+                           count_high=s.count_interval[1], share=s.share) for s in sources]
+
+
+def from_sources(messages: list[SourceCountMsg]) -> tuple[SourceCount, ...]:
+    """Returns what each source counts, of its messages."""
+    return tuple(SourceCount(m.source, m.count, (m.count_low, m.count_high), m.share)
+                 for m in messages)

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings as fields of dataclasses: each with its meaning and range, by which it is checked."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+from stack_counter.errors import ConfigError
+from stack_counter.parameter_files import nearest_name
+
+Settings = TypeVar("Settings")
+
+
+def setting(default: Any, doc: str, low: float | None = None, high: float | None = None,
+            choices: tuple[str, ...] = (), runtime: bool = False,
+            read: Callable[[Any], Any] | None = None) -> Any:
+    """Makes a dataclass field with its description and range.
+
+    `runtime` tells whether the setting may change while its node is configured; `read` makes a
+    value of what stands in a file, where that is neither a text nor of numbers.
+    """
+    return dataclasses.field(default=default, metadata={
+        "doc": doc, "low": low, "high": high, "choices": choices, "runtime": runtime,
+        "read": read})
+
+
+def build_section(section: type[Settings], values: Mapping[str, Any]) -> Settings:
+    """A checked settings object.
+
+    Args:
+        section: a dataclass whose fields are made by `setting`.
+        values: settings by name; the others keep their defaults.
+
+    Raises:
+        ConfigError: unknown name, wrong type or value out of range.
+    """
+    fields = {f.name: f for f in dataclasses.fields(section)}  # type: ignore[arg-type]
+    checked: dict[str, Any] = {}
+    for name, value in values.items():
+        if name not in fields:
+            near = nearest_name(name, fields)
+            raise ConfigError(f"unknown setting '{name}'; expected "
+                              + (f"'{near}'" if near else f"one of {sorted(fields)}"))
+        read = fields[name].metadata["read"]
+        checked[name] = read(value) if read else _check_value(fields[name], value)
+    return section(**checked)
+
+
+def _check_value(field: dataclasses.Field, value: Any) -> Any:
+    default, meta = field.default, field.metadata
+    if isinstance(default, tuple):
+        if not isinstance(value, (list, tuple)) or any(
+                isinstance(x, bool) or not isinstance(x, (int, float)) for x in value):
+            raise ConfigError(f"{field.name} is {value!r}; expected a list of numbers")
+        if len(value) != len(default):
+            raise ConfigError(f"{field.name} has {len(value)} numbers; expected {len(default)}")
+        value = tuple(float(x) for x in value)
+        numbers = value
+    elif isinstance(default, float) and isinstance(value, (int, float)) \
+            and not isinstance(value, bool):
+        value = float(value)
+        if math.isnan(value) and math.isnan(default):  # not set; the same object compares equal
+            return default
+        numbers = (value,)
+    elif type(value) is not type(default):
+        raise ConfigError(f"{field.name} is {value!r}; expected {type(default).__name__}")
+    else:
+        numbers = (value,) if isinstance(value, int) and not isinstance(value, bool) else ()
+    low, high = meta["low"], meta["high"]
+    for number in numbers:
+        if not math.isfinite(number) or (low is not None and number < low) \
+                or (high is not None and number > high):
+            raise ConfigError(f"{field.name} is {value}; expected {low} to {high}")
+    if meta["choices"] and value not in meta["choices"]:
+        raise ConfigError(f"{field.name} is '{value}'; expected one of {meta['choices']}")
+    return value
