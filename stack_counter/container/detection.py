@@ -24,18 +24,17 @@ from stack_counter.container.openings import (
     several_containers,
 )
 from stack_counter.container.rim import Rim, find_rim
+from stack_counter.container.silhouettes import WallOutlines
 from stack_counter.container.wall_fit import (
     FacePoints,
     FittedWall,
-    Thickness,
     find_face_points,
     fit_wall,
 )
-from stack_counter.container.wall_network import estimate_thickness
+from stack_counter.container.wall_thickness import expected_thickness
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region, seen_from_one_side
 from stack_counter.fusion.surface import FusedSurface
-from stack_counter.fusion.volume_model import volume_model
 from stack_counter.types import CONTAINER, Container, HeightMap, View
 
 
@@ -63,9 +62,6 @@ class DetectionSettings:
         max_spread: largest standard deviation of the faces around their fit, m, for depth without
             noise.
         noise_spread: what each metre of the depth's noise adds to that, m.
-        rim_std: standard deviation of a wall's thickness measured on its rim, m.
-        unknown_thickness: what is assumed where nothing shows the thickness.
-        configured_std: standard deviation of a configured thickness, m.
         max_beyond_region: distance beyond a configured region up to which a rim may reach, m.
     """
 
@@ -84,9 +80,6 @@ class DetectionSettings:
     unsure_sum_free: float = 1.7
     max_spread: float = 0.00045
     noise_spread: float = 0.3
-    rim_std: float = 0.001
-    unknown_thickness: Thickness = Thickness(mean=0.004, std=0.01)
-    configured_std: float = 1e-6
     max_beyond_region: float = 0.004
 
 
@@ -228,27 +221,12 @@ def _fit_wall_below(rim: Rim, views: list[View], region: Region, config: Reconst
     """The rim with the wall fitted below it; None if the rim is too low."""
     if rim.height < SETTINGS.min_rim_height:
         return None
-    thickness = _expected_thickness(rim, views, region, config)
+    thickness = expected_thickness(rim, views, region, config)
     points = find_face_points(views, region, rim.outline, rim.height)
-    wall = fit_wall(rim.outline, points, rim.height, thickness, noise=region.noise)
+    outlines = WallOutlines.of_views(views, rim.outline, rim.height, region.plane_z) \
+        if region.stereo_window_m else None
+    wall = fit_wall(rim.outline, points, rim.height, thickness, region.noise, outlines)
     return _Candidate(rim, wall, points)
-
-
-def _expected_thickness(rim: Rim, views: list[View], region: Region, config: ReconstructorConfig
-                        ) -> Thickness:
-    """Thickness of the wall before its fit: configured, else the rim's width, else guessed."""
-    if config.container_wall_m > 0:
-        return Thickness(config.container_wall_m, SETTINGS.configured_std)
-    if np.isfinite(rim.width) and seen_from_one_side(views, region):
-        # One camera above loses depth on both edges of the rim.
-        model = volume_model()
-        lost = model.lost_rim_width_m + model.lost_rim_width_per_noise * region.noise
-        return Thickness(rim.width + lost, model.lost_rim_width_std * lost)
-    if np.isfinite(rim.width):
-        return Thickness(rim.width, SETTINGS.rim_std)
-    # Parts hide the rim's inner edge: the network.
-    return estimate_thickness(views, rim.outline, rim.height, region.plane_z) \
-        or SETTINGS.unknown_thickness
 
 
 def _is_accepted(found: _Candidate, views: list[View], region: Region) -> bool:

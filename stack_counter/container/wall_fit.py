@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from stack_counter import geometry
+from stack_counter.container.silhouettes import WallOutlines
 from stack_counter.fusion.region import Region
 from stack_counter.types import View, WallShape
 
@@ -45,6 +46,8 @@ class WallFitSettings:
         outline_prior_weight: weight of an outline's first guess, over that of one standard
             deviation; only for parameters that the rim does not determine, e.g. the draft.
         depth_shares: shares of the height that are fitted, one for each round.
+        outline_std: standard deviation of an outline in label images, m.
+        outline_weight: weight of a point of such an outline, over that of a cell's median.
     """
 
     max_views: int = 24
@@ -63,6 +66,8 @@ class WallFitSettings:
     outline_steps: int = 60
     outline_prior_weight: float = 0.01
     depth_shares: tuple[float, ...] = (0.15, 0.3, 0.5, 0.75, 1.0, 1.0)
+    outline_std: float = 0.001
+    outline_weight: float = 3.0
 
 
 SETTINGS = WallFitSettings()
@@ -180,7 +185,7 @@ def fit_outline(shape: Shape, xy: np.ndarray, scale: float) -> Shape:
 
 
 def fit_wall(shape: WallShape, points: FacePoints, height: float, thickness: Thickness,
-             noise: float) -> FittedWall:
+             noise: float, outlines: WallOutlines | None = None) -> FittedWall:
     """Fits outer face and thickness at once, from the rim downwards, by robust least squares.
 
     Args:
@@ -189,6 +194,8 @@ def fit_wall(shape: WallShape, points: FacePoints, height: float, thickness: Thi
         height: of the rim above the support plane, metres.
         thickness: known before the fit.
         noise: standard deviation of a depth point, metres.
+        outlines: in label images, that the wall is fitted to beside its outer face alone; None
+            for depth cameras, which measure both faces.
     """
     s = SETTINGS
     wall = FittedWall(shape, thickness.mean)
@@ -197,7 +204,9 @@ def fit_wall(shape: WallShape, points: FacePoints, height: float, thickness: Thi
     # Fit a growing part of the wall, from the rim down.
     for share in s.depth_shares:
         chosen = _cell_medians(wall, points, cell, reach, points.below < share * height)
-        wall = _refine_fit(wall, points.select(chosen), shape, thickness, height)
+        if outlines is not None:
+            chosen = chosen[~points.inner[chosen]]
+        wall = _refine_fit(wall, points.select(chosen), shape, thickness, height, outlines)
     # Which sectors showed which face, and how well they agree.
     chosen = _cell_medians(wall, points, cell, reach, np.ones(len(points.below), bool))
     medians = points.select(chosen)
@@ -247,7 +256,7 @@ def _cell_medians(wall: FittedWall, points: FacePoints, cell: np.ndarray, reach:
 
 
 def _refine_fit(wall: FittedWall, points: FacePoints, first: WallShape, thickness: Thickness,
-                height: float) -> FittedWall:
+                height: float, outlines: WallOutlines | None) -> FittedWall:
     """The wall after one more least-squares fit; `first` and `thickness` are expected of it."""
     s = SETTINGS
     std = np.append(first.prior_std, thickness.std)
@@ -259,6 +268,8 @@ def _refine_fit(wall: FittedWall, points: FacePoints, first: WallShape, thicknes
             / np.ptp(moved.shape.ring(0.0, 0.0)[:, 0])
         return np.concatenate([_soft_l1(_residuals(moved, points) / s.cell_std),
                                (params - expected) / std,
+                               [] if outlines is None else s.outline_weight * _soft_l1(
+                                   outlines.errors(moved.shape) / s.outline_std),
                                [min(foot_share - s.min_foot_share, 0.0) / s.foot_share_std]])
     best = least_squares(residuals, np.append(wall.shape.params, wall.thickness), x_scale=std).x
     return FittedWall(first.with_params(best[:-1]), max(float(best[-1]), 0.0))

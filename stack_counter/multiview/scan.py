@@ -90,6 +90,11 @@ class StereoScan:
     hull: VisualHull
     T_world_upright: np.ndarray
 
+    @property
+    def window_m(self) -> float:
+        """Side of the window that stereo compares, on the stack, metres."""
+        return STEREO_SETTINGS.window_px * pixel_spacing(self.views, self.hull.middle)
+
     def is_closed(self, volume: StackVolume, config: ReconstructorConfig) -> bool:
         """Whether a container that was looked for, but has no rim, shows in the labels.
 
@@ -146,10 +151,9 @@ class StereoScan:
             return heights and replace(heights, T_world_map=T @ heights.T_world_map)
 
         container, mesh, key_view = volume.container, volume.mesh, volume.key_view
-        window_m = STEREO_SETTINGS.window_px * pixel_spacing(self.views, self.hull.middle)
         return replace(
             volume, top=in_world(volume.top), inner=in_world(volume.inner),
-            resolution_m=max(volume.resolution_m, window_m),
+            resolution_m=max(volume.resolution_m, self.window_m),
             stack_volume_std=float(np.hypot(volume.stack_volume_std,
                                             volume_model().stereo_std * volume.stack_volume)),
             container=replace(container, T_world_container=T @ container.T_world_container),

@@ -7,7 +7,7 @@ Source: paper, section 3.3.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import TaughtContainer
@@ -63,9 +63,17 @@ class DepthReconstruction:
         stack: what the last `measure` integrated; None before.
     """
 
-    def __init__(self, config: ReconstructorConfig, unit_volume: float = 0.0):
-        """`unit_volume`: volume of one part, m3; 0 where it is not known."""
+    def __init__(self, config: ReconstructorConfig, unit_volume: float = 0.0,
+                 stereo_window_m: float = 0.0):
+        """Begins a scan.
+
+        Args:
+            config: settings.
+            unit_volume: volume of one part, m3; 0 where it is not known.
+            stereo_window_m: see `Region`.
+        """
         self._config, self._unit_volume = config, unit_volume
+        self._stereo_window_m = stereo_window_m
         self._first_views = 1 if config.live else min(SETTINGS.first_views, config.min_views)
         self._memory = ViewMemory(config.live)
         self._fusion: DepthFusion | None = None  # once the first views say where the stack is
@@ -207,7 +215,8 @@ class DepthReconstruction:
             ScanError: no support plane, or nothing stands on it.
         """
         views = self.views
-        fusion = DepthFusion(find_region(views, self._config), self._config, self._unit_volume)
+        region = replace(find_region(views, self._config), stereo_window_m=self._stereo_window_m)
+        fusion = DepthFusion(region, self._config, self._unit_volume)
         if not any(self._config.roi_size_m):
             self._surroundings = inspect_surroundings(views, fusion.region)
         fused = []

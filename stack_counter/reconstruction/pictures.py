@@ -129,7 +129,7 @@ class PictureReconstruction:
             ScanError: stereo measures too little, or the scan with its depth gives no volume.
         """
         stereo = depth_scan(self.views, self._config)
-        depth = DepthReconstruction(self._config, self._unit_volume)
+        depth = DepthReconstruction(self._config, self._unit_volume, stereo.window_m)
         for view in stereo.views:
             with suppress(ViewError):  # the others go on
                 depth.add_view(view)
