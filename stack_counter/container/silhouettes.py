@@ -41,9 +41,8 @@ class Silhouettes:
 
     def __init__(self, views: Sequence[View]):
         """Measures how far inside its outline every pixel of each view lies."""
-        self._views = [view for view in views if view.labels is not None]
-        self._inside = [_signed_distances(np.not_equal(view.labels, BACKGROUND))
-                        for view in self._views]
+        self._inside = [(view, _signed_distances(view.labels != BACKGROUND))
+                        for view in views if view.labels is not None]
 
     def depth_inside(self, points: np.ndarray) -> np.ndarray:
         """(n,) metres that points lie inside the outlines, of all views the least.
@@ -55,7 +54,7 @@ class Silhouettes:
             Negative where a view sees the background there; infinite where no view looks.
         """
         least = np.full(len(points), np.inf)
-        for view, inside in zip(self._views, self._inside):
+        for view, inside in self._inside:
             local = geometry.apply(geometry.inverse(view.T_world_camera), points)
             pixels, z = geometry.project(local, view.intrinsics)
             x, y = pixels.T
