@@ -26,7 +26,6 @@ from pathlib import Path
 
 import trimesh
 
-from stack_counter.progress import progress
 from stack_counter.sim.shapes.extra.collection import (
     CollectedSolid,
     Origin,
@@ -34,6 +33,7 @@ from stack_counter.sim.shapes.extra.collection import (
     solidify,
     write_collection,
 )
+from stack_counter.tasks.progress import progress
 
 
 def read_solid(folder: Path, row: dict[str, str]) -> CollectedSolid:

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from stack_counter.progress import progress
+from stack_counter.tasks.progress import progress
 
 # Millimetres of LDraw's unit; names of what is no part of its own.
 _MM_PER_UNIT, _NO_PARTS = 0.4, re.compile(r"[~=_|]|Sticker", re.IGNORECASE)

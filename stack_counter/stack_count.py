@@ -14,7 +14,7 @@ from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.informed_gamma import estimate_occupancy
 from stack_counter.types import StackCount, StackVolume
-from stack_counter.weighing import Weighing, use_weight
+from stack_counter.weighing.joined_count import Weighing, use_weight
 
 
 def count_stack(volume: StackVolume, part: Part, estimator: OccupancyEstimator,

@@ -16,7 +16,7 @@ PACKAGE = Path(__file__).parent.parent / "stack_counter"
 # The ground: modules directly in the package. Each may import those before it.
 GROUND = ("errors", "types", "named_region", "parameter_files", "setting_fields", "config",
           "rotations", "geometry", "files", "pretrained", "inference", "counting", "weighing",
-          "scale_readings", "child_processes", "ray_actors", "tasks", "progress")
+          "tasks")
 # Package -> which others it may import besides the ground; only what stands above it here.
 LAYERS = {
     "lean_open3d": (), "views": ("lean_open3d",), "fusion": ("lean_open3d",), "display": (),
@@ -57,7 +57,7 @@ LIBRARIES = {
     r"open3d": "lean_open3d",
     r"yourdfpy": "views",
     r"small_gicp": "fusion",
-    r"tqdm": "progress",
+    r"tqdm": "tasks",
     r"pycolmap|PIL|pillow_heif": "pictures",
     r"torch": "occupancy segmentation train",
     r"onnx": "train",
@@ -65,7 +65,7 @@ LIBRARIES = {
     r"sapien|coacd|manifold3d": "sim",
     r"matplotlib": "sim train eval",
     r"jinja2": "display archive",
-    r"ray": "ray_actors",
+    r"ray": "tasks",
     r"pyarrow": "archive",
     r"aiomqtt|paho|asyncua": "bridges",
 }

@@ -17,8 +17,8 @@ from stack_counter.archive.summary import write_summary
 from stack_counter.archive.tables import require_pyarrow, write_tables
 from stack_counter.config import Config
 from stack_counter.errors import StackCounterError
-from stack_counter.progress import progress_bar
-from stack_counter.tasks import Workers, run_tasks
+from stack_counter.tasks.progress import progress_bar
+from stack_counter.tasks.workers import Workers, run_tasks
 from stack_counter.types import PartRequest
 
 

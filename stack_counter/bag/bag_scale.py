@@ -11,8 +11,8 @@ from stack_counter.bag.reader import BagReader
 from stack_counter.bag.time_range import WHOLE_BAG
 from stack_counter.config import Config, CounterConfig
 from stack_counter.errors import BagError
-from stack_counter.scale_readings import ScaleReadings
-from stack_counter.weighing import Weighing, weighing_of
+from stack_counter.weighing.joined_count import Weighing, weighing_of
+from stack_counter.weighing.scale_readings import ScaleReadings
 
 _FLOAT = "std_msgs/msg/Float64"
 

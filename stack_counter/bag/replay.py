@@ -42,7 +42,7 @@ from stack_counter.segmentation.prompts import read_prompts
 from stack_counter.segmentation.scan_labels import ScanLabels
 from stack_counter.stack_count import count_stack
 from stack_counter.types import PartRequest, Reason, StackCount, StackVolume, View, ViewTally
-from stack_counter.weighing import Weighing
+from stack_counter.weighing.joined_count import Weighing
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from stack_counter.cli.common import (
 )
 from stack_counter.config import Config, load_config
 from stack_counter.files import config_path
-from stack_counter.progress import progress_bar
+from stack_counter.tasks.progress import progress_bar
 
 if TYPE_CHECKING:
     from stack_counter.container.catalogue import TaughtContainer

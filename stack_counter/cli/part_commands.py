@@ -18,7 +18,7 @@ from stack_counter.files import config_path
 from stack_counter.parts.catalogue import Part, find_part, load_parts, remove_part, save_part
 from stack_counter.parts.gamma_model import GammaModel
 from stack_counter.parts.part_lookup import resolve_part
-from stack_counter.progress import progress_bar
+from stack_counter.tasks.progress import progress_bar
 from stack_counter.types import PartRequest
 
 if TYPE_CHECKING:

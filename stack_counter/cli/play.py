@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from stack_counter.cli.common import positive_number, require_bag
-from stack_counter.progress import progress_bar
+from stack_counter.tasks.progress import progress_bar
 
 
 def add_play(commands: argparse._SubParsersAction) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from stack_counter.cli.common import add_config_argument
 from stack_counter.config import load_config
 from stack_counter.files import config_path
-from stack_counter.tasks import Workers
+from stack_counter.tasks.workers import Workers
 from stack_counter.types import PartRequest
 
 

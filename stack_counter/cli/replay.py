@@ -23,7 +23,7 @@ from stack_counter.cli.common import (
 from stack_counter.config import Config, CounterConfig, build_section, load_config
 from stack_counter.errors import ConfigError, PartError
 from stack_counter.files import config_path
-from stack_counter.progress import progress_bar
+from stack_counter.tasks.progress import progress_bar
 from stack_counter.types import PartRequest
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from stack_counter.cli.common import positive_integer
 from stack_counter.errors import ConfigError
-from stack_counter.tasks import Workers
+from stack_counter.tasks.workers import Workers
 
 _PLANS = ("mixed", "shallow", "deep", "box", "rig")
 

@@ -19,9 +19,9 @@ import numpy as np
 
 from stack_counter.config import Config
 from stack_counter.errors import StackCounterError
-from stack_counter.progress import progress, write_line
 from stack_counter.sim import Shape, convex_pieces, measure_form, open_library
-from stack_counter.tasks import Workers, map_tasks
+from stack_counter.tasks.progress import progress, write_line
+from stack_counter.tasks.workers import Workers, map_tasks
 from stack_counter.teaching import Pile, make_pile_request, simulate_part_piles
 
 

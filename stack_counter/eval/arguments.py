@@ -10,7 +10,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from stack_counter.tasks import Workers
+from stack_counter.tasks.workers import Workers
 
 
 def _add_set_argument(parser: argparse.ArgumentParser) -> None:

@@ -31,8 +31,8 @@ from stack_counter.eval.common.published_rule import (
 )
 from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.pipeline import StackCounter
-from stack_counter.progress import progress
 from stack_counter.sim import Scene, record
+from stack_counter.tasks.progress import progress
 from stack_counter.types import View
 
 

@@ -20,9 +20,9 @@ from stack_counter.errors import ScanError
 from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.pipeline import StackCounter
-from stack_counter.progress import progress, write_line
 from stack_counter.reconstruction import PictureReconstruction
 from stack_counter.sim import DepthCamera, Scene, read_scenes, record
+from stack_counter.tasks.progress import progress, write_line
 from stack_counter.types import PARTS, Reason, View
 
 IDEAL = DepthCamera(sigma_m=0.0, sigma_per_m2=0.0, step_m=1e-6)

@@ -24,9 +24,9 @@ from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.pipeline import StackCounter
-from stack_counter.progress import progress
 from stack_counter.sim import Scene, read_shard, record
-from stack_counter.tasks import Workers, map_tasks
+from stack_counter.tasks.progress import progress
+from stack_counter.tasks.workers import Workers, map_tasks
 from stack_counter.types import CONTAINER, PARTS, View
 
 # A user's boxes are too large by up to so many pixels on each side, and so many points on parts

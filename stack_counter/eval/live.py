@@ -23,9 +23,9 @@ from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.occupancy import make_estimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.pipeline import StackCounter
-from stack_counter.progress import progress
 from stack_counter.sim import Scene, record_fixed_camera, record_returning_camera, remove_parts
-from stack_counter.tasks import Workers, map_tasks
+from stack_counter.tasks.progress import progress
+from stack_counter.tasks.workers import Workers, map_tasks
 from stack_counter.views.view_gate import ViewGate
 
 _CONFIDENCE = 0.9

@@ -33,10 +33,10 @@ from stack_counter.parts.calibration import calibrate
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.gamma_model import Reading
 from stack_counter.parts.part_models import PartModels
-from stack_counter.progress import progress
 from stack_counter.sim import RECONSTRUCTED_KIND, SCENES_PER_RIG, Scene, read_scenes, reconstruct
 from stack_counter.stack_count import count_stack
-from stack_counter.tasks import Workers, map_tasks
+from stack_counter.tasks.progress import progress
+from stack_counter.tasks.workers import Workers, map_tasks
 from stack_counter.teaching import (
     Pile,
     PileScan,

@@ -20,7 +20,6 @@ from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.pipeline import StackCounter
-from stack_counter.progress import progress
 from stack_counter.sim import (
     HARD_KINDS,
     HardScan,
@@ -29,7 +28,8 @@ from stack_counter.sim import (
     make_hard_scan,
     read_piles,
 )
-from stack_counter.tasks import Workers, map_tasks
+from stack_counter.tasks.progress import progress
+from stack_counter.tasks.workers import Workers, map_tasks
 from stack_counter.types import StackCount
 
 

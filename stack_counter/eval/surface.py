@@ -22,7 +22,6 @@ from stack_counter.eval.common.band_power import EDGES, BandPower, band_powers
 from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.multiview.scan import scale_down
-from stack_counter.progress import progress, write_line
 from stack_counter.reconstruction import PictureReconstruction
 from stack_counter.sim import (
     DepthCamera,
@@ -32,6 +31,7 @@ from stack_counter.sim import (
     record,
     scaled_camera,
 )
+from stack_counter.tasks.progress import progress, write_line
 from stack_counter.types import PARTS, HeightMap, View
 
 _IDEAL = DepthCamera(sigma_m=0.0, sigma_per_m2=0.0, step_m=1e-6)

@@ -17,9 +17,9 @@ from stack_counter.errors import StackCounterError
 from stack_counter.eval.common import metrics
 from stack_counter.parts.template import scan_template
 from stack_counter.parts.template_model import shipped_template_model
-from stack_counter.progress import progress
 from stack_counter.sim import Shape, lay_out_pieces, load_shapes, record
-from stack_counter.tasks import Workers, map_tasks
+from stack_counter.tasks.progress import progress
+from stack_counter.tasks.workers import Workers, map_tasks
 
 
 @dataclass(frozen=True)

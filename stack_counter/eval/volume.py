@@ -16,9 +16,9 @@ from stack_counter.errors import ScanError
 from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.pipeline import StackCounter
-from stack_counter.progress import progress
 from stack_counter.sim import RECONSTRUCTED_KIND, Scene, record
-from stack_counter.tasks import Workers, map_tasks
+from stack_counter.tasks.progress import progress
+from stack_counter.tasks.workers import Workers, map_tasks
 from stack_counter.types import View
 
 # Side of a patch of missing depth, pixels; a wall's thickness is right within so many metres or

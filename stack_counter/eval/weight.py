@@ -19,13 +19,13 @@ from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.occupancy import make_estimator
 from stack_counter.parts.catalogue import Part
-from stack_counter.progress import progress
 from stack_counter.sim import Scene, reconstruct
 from stack_counter.stack_count import count_stack
-from stack_counter.tasks import Workers, map_tasks
+from stack_counter.tasks.progress import progress
+from stack_counter.tasks.workers import Workers, map_tasks
 from stack_counter.types import Reason, StackCount
-from stack_counter.weighing import SETTINGS as WEIGHING
-from stack_counter.weighing import PieceWeight, Weighing, use_weight
+from stack_counter.weighing.joined_count import SETTINGS as WEIGHING
+from stack_counter.weighing.joined_count import PieceWeight, Weighing, use_weight
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from std_msgs.msg import Float64
 
 from stack_counter.config import CounterConfig
 from stack_counter.ros.lifecycle import ManagedNode
-from stack_counter.scale_readings import ScaleReadings
-from stack_counter.weighing import Weighing, weighing_of
+from stack_counter.weighing.joined_count import Weighing, weighing_of
+from stack_counter.weighing.scale_readings import ScaleReadings
 
 # Hears every publisher; a reading that gets lost is followed by another.
 _BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)

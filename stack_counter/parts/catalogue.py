@@ -24,7 +24,7 @@ from stack_counter.parts.entry_checks import (
 )
 from stack_counter.parts.part_models import PartModels, read_models
 from stack_counter.types import KnownForm, MeshMeasures
-from stack_counter.weighing import PieceWeight
+from stack_counter.weighing.joined_count import PieceWeight
 
 _NEW_CATALOGUE = """\
 # The part catalogue: what `--part NAME`, the parameter `part` and the action's goal look up.

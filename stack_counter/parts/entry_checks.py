@@ -10,8 +10,8 @@ from typing import Any
 
 from stack_counter.parts.counted_scan import CountedScan
 from stack_counter.types import MeshMeasures
-from stack_counter.weighing import REFERENCE_PIECES, PieceWeight
-from stack_counter.weighing import SETTINGS as WEIGHING
+from stack_counter.weighing.joined_count import REFERENCE_PIECES, PieceWeight
+from stack_counter.weighing.joined_count import SETTINGS as WEIGHING
 
 MOST_FRICTION = 2.0
 # v over the box of the outer dimensions: sides are measured to some 2%, and the emptiest wire

@@ -25,7 +25,7 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.errors import BagError, ConfigError
 from stack_counter.pictures.folder import Picture
-from stack_counter.progress import progress_bar
+from stack_counter.tasks.progress import progress_bar
 from stack_counter.types import Intrinsics
 
 if TYPE_CHECKING:

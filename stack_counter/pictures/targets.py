@@ -13,7 +13,7 @@ import numpy as np
 
 from stack_counter.errors import BagError, ConfigError
 from stack_counter.pictures.reference import Board, MarkedPoints, Markers, Reference
-from stack_counter.progress import progress
+from stack_counter.tasks.progress import progress
 
 
 @dataclass(frozen=True)

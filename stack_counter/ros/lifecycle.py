@@ -23,7 +23,6 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
-from stack_counter.child_processes import end_with_parent
 from stack_counter.config import SETTING_NAMES, Section, build_section
 from stack_counter.errors import StackCounterError
 from stack_counter.named_region import REGIONS, nest
@@ -33,6 +32,7 @@ from stack_counter.ros.diagnostics import ERROR, OK, memory_mb, process_age_s, s
 from stack_counter.ros.node_arguments import fully_named
 from stack_counter.ros.qos import DIAGNOSTICS
 from stack_counter.ros.security import exit_if_insecure
+from stack_counter.tasks.child_processes import end_with_parent
 
 _DIAGNOSTICS_PERIOD_S = 1.0
 

@@ -15,10 +15,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
-from stack_counter.child_processes import ENDS_WITH_STDIN
 from stack_counter.config import Config, to_ros_parameters
 from stack_counter.errors import StackCounterError
 from stack_counter.files import config_path
+from stack_counter.tasks.child_processes import ENDS_WITH_STDIN
 
 NODES = ("collector", "reconstructor", "counter")
 

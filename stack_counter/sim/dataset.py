@@ -12,7 +12,6 @@ from functools import partial
 from pathlib import Path
 
 from stack_counter.errors import StackCounterError
-from stack_counter.progress import progress_bar
 from stack_counter.sim.physics.drop import make_scene
 from stack_counter.sim.physics.recipes import Recipe
 from stack_counter.sim.scenes.scene import SceneError
@@ -29,7 +28,8 @@ from stack_counter.sim.scenes.shards import (
     write_shard,
 )
 from stack_counter.sim.shapes.library import Library, open_library
-from stack_counter.tasks import Workers, run_tasks
+from stack_counter.tasks.progress import progress_bar
+from stack_counter.tasks.workers import Workers, run_tasks
 
 _LOG = logging.getLogger(__name__)
 # File beside the shards with a line of JSON for each.

@@ -11,7 +11,6 @@ from functools import cache, partial
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.child_processes import worker_pool
 from stack_counter.config import CounterConfig, ReconstructorConfig
 from stack_counter.container.catalogue import configured_container
 from stack_counter.errors import PartError, ScanError, StackCounterError
@@ -33,6 +32,7 @@ from stack_counter.sim import (
     reconstruct_from_above,
     simulate_pile,
 )
+from stack_counter.tasks.child_processes import worker_pool
 from stack_counter.types import StackVolume
 
 

@@ -22,9 +22,9 @@ import cv2
 import numpy as np
 import torch
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.occupancy.checkpoint import SHIPPED_NET
 from stack_counter.occupancy.gamma_net import GammaNet
+from stack_counter.tasks.child_processes import worker_pool
 from stack_counter.train.arguments import add_arguments
 from stack_counter.train.data.batches import FOLDS, assign_folds
 from stack_counter.train.gamma import load_data

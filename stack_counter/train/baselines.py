@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 from safetensors.numpy import save_file
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.occupancy.baselines import FORMAT, SETTINGS, normalized_height
 from stack_counter.pipeline import StackCounter
-from stack_counter.progress import progress
 from stack_counter.sim import Scene, read_shard, record
+from stack_counter.tasks.child_processes import worker_pool
+from stack_counter.tasks.progress import progress
 
 _QUANTILES = 101
 # Kinds of containers that are learnt from, and what the reconstruction calls them.

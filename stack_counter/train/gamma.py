@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 import torch
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.errors import ConfigError
 from stack_counter.occupancy.checkpoint import make_net
 from stack_counter.sim import source_of
+from stack_counter.tasks.child_processes import worker_pool
 from stack_counter.train.data.batches import FOLDS, assign_folds, family_group
 from stack_counter.train.data.fused import read_scans
 from stack_counter.train.data.heights import Sample, load_samples

@@ -18,7 +18,7 @@ from stack_counter.errors import ConfigError
 from stack_counter.occupancy.checkpoint import make_net
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.known_form import hide_above
-from stack_counter.progress import progress
+from stack_counter.tasks.progress import progress
 from stack_counter.train.data.batches import (
     SETTINGS,
     Batch,

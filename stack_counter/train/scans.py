@@ -15,14 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from stack_counter.child_processes import worker_pool
-from stack_counter.progress import progress
 from stack_counter.sim import (
     read_shard,
     reconstruct,
     reconstruct_from_above,
     reconstruct_from_pictures,
 )
+from stack_counter.tasks.child_processes import worker_pool
+from stack_counter.tasks.progress import progress
 from stack_counter.train.data.fused import Reconstruct, reconstruct_sample
 from stack_counter.train.data.heights import write_samples
 

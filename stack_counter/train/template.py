@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
 from stack_counter.parts.template import scan_template
@@ -27,8 +26,9 @@ from stack_counter.parts.template_model import (
     polynomial_features,
     relative_std,
 )
-from stack_counter.progress import progress
 from stack_counter.sim import lay_out_pieces, make_shape, record
+from stack_counter.tasks.child_processes import worker_pool
+from stack_counter.tasks.progress import progress
 
 
 @dataclass(frozen=True)

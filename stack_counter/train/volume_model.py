@@ -22,7 +22,6 @@ from pathlib import Path
 
 import numpy as np
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.errors import ConfigError, StackCounterError
 from stack_counter.files import write_atomically
 from stack_counter.fusion.volume_model import (
@@ -31,8 +30,9 @@ from stack_counter.fusion.volume_model import (
     read_volume_model,
     volume_model,
 )
-from stack_counter.progress import progress
 from stack_counter.sim import Scene, read_shard
+from stack_counter.tasks.child_processes import worker_pool
+from stack_counter.tasks.progress import progress
 from stack_counter.train.data.volume_errors import (
     ARC,
     ONE_SIDE,

@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.container.wall_network import outer_width, wall_crop
 from stack_counter.container.wall_shapes import BoxWall, RoundWall
 from stack_counter.errors import ConfigError, ViewError
-from stack_counter.progress import progress
 from stack_counter.sim import Scene, read_shard, record
+from stack_counter.tasks.child_processes import worker_pool
+from stack_counter.tasks.progress import progress
 from stack_counter.train.wall_net import WallNet, save_wall_net
 from stack_counter.types import WallShape
 

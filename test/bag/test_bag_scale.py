@@ -17,7 +17,7 @@ from stack_counter.errors import BagError
 from stack_counter.files import config_path
 from stack_counter.parts.catalogue import Part
 from stack_counter.types import Reason
-from stack_counter.weighing import PieceWeight
+from stack_counter.weighing.joined_count import PieceWeight
 
 S, KG = 10**9, "/scale/weight"
 COLOR = {"/camera/color/image_raw/compressed"}

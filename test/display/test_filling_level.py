@@ -11,7 +11,7 @@ from kits.result_schema import read_result
 
 from stack_counter.display.report import as_dict, as_text
 from stack_counter.types import Container, RangeValue
-from stack_counter.weighing import PieceWeight, Weighing, use_weight
+from stack_counter.weighing.joined_count import PieceWeight, Weighing, use_weight
 
 
 def said(count):

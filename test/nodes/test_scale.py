@@ -9,7 +9,7 @@ from std_msgs.msg import Float64
 
 from stack_counter.config import CounterConfig
 from stack_counter.nodes.scale import Scale
-from stack_counter.weighing import Weighing
+from stack_counter.weighing.joined_count import Weighing
 
 CONFIG = CounterConfig(weight_topic="/scale/weight", tare_kg=1.0, weight_max_age_s=5.0)
 

@@ -19,7 +19,7 @@ from stack_counter.parts.calibration import calibrate, count_from_weight, histor
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.counted_scan import scans_of_same_rig
 from stack_counter.stack_count import count_stack
-from stack_counter.weighing import PieceWeight
+from stack_counter.weighing.joined_count import PieceWeight
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from stack_counter.sim.physics.recipes import Recipe
 from stack_counter.sim.scenes.scene import SceneError
 from stack_counter.sim.scenes.shards import SCENES_PER_SHARD, shard_path
 from stack_counter.sim.shapes import make_shape
-from stack_counter.tasks import Workers
+from stack_counter.tasks.workers import Workers
 
 pytest.importorskip("sapien", reason="the physics engine has no wheel for this Python")
 

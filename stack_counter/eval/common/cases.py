@@ -21,9 +21,9 @@ from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.occupancy.known_form import form_of_mesh
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
-from stack_counter.progress import progress
 from stack_counter.sim import Scene, Shape, ideal_surface, reconstruct, reconstruct_from_pictures
-from stack_counter.tasks import Workers, map_tasks
+from stack_counter.tasks.progress import progress
+from stack_counter.tasks.workers import Workers, map_tasks
 from stack_counter.types import Container, HeightMap, KnownForm, StackVolume, ViewTally
 
 # Rows of the tables, and the estimators that they stand for.

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.child_processes import worker_pool
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError, StackCounterError
 from stack_counter.eval.common import long_scan
 from stack_counter.lean_open3d import o3c, o3d
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, record
+from stack_counter.tasks.child_processes import worker_pool
 from stack_counter.types import Intrinsics, View
 
 

@@ -7,13 +7,13 @@ import sys
 from collections.abc import Sequence
 from concurrent.futures import as_completed
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.errors import StackCounterError
-from stack_counter.progress import progress_bar
 from stack_counter.sim.reality import nesting, part_piles
 from stack_counter.sim.reality.experiments import EXPERIMENTS, Experiment
 from stack_counter.sim.reality.piles import Pile, friction_of, simulate_experiment
 from stack_counter.sim.reality.table import Row
+from stack_counter.tasks.child_processes import worker_pool
+from stack_counter.tasks.progress import progress_bar
 
 
 def run_experiments(chosen: Sequence[int], seeds: int, workers: int,

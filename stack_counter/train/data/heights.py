@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.errors import ConfigError
 from stack_counter.occupancy.known_form import KNOWN_VALUES, form_of_mesh, known_values
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, make_maps
-from stack_counter.progress import progress
 from stack_counter.reconstruction.integral import fill_unknown_cells
 from stack_counter.sim import Scene, ideal_surface, read_shard
+from stack_counter.tasks.child_processes import worker_pool
+from stack_counter.tasks.progress import progress
 
 # Format of the stored samples.
 _STEPS_PER_LENGTH = 500  # a part length

@@ -17,7 +17,7 @@ from stack_counter.sim.scenes.scene import Scene, SceneError
 from stack_counter.sim.scenes.set_library import find_library, library_digest
 from stack_counter.sim.scenes.shards import write_shard
 from stack_counter.sim.shapes.library import open_library
-from stack_counter.tasks import Workers
+from stack_counter.tasks.workers import Workers
 
 
 @pytest.fixture

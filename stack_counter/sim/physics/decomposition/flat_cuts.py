@@ -20,8 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stack_counter.child_processes import ENDS_WITH_STDIN
 from stack_counter.errors import StackCounterError
+from stack_counter.tasks.child_processes import ENDS_WITH_STDIN
 
 
 class CutterError(StackCounterError):

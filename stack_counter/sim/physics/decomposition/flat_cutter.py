@@ -16,7 +16,7 @@ import threading
 import coacd
 import numpy as np
 
-from stack_counter.child_processes import end_with_parent
+from stack_counter.tasks.child_processes import end_with_parent
 
 TOO_MANY_CUTS = 3  # exit code, as in `flat_cuts`
 _WAITING = re.compile(rb"waiting pool: (\d+)")

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from stack_counter.scale_readings import ScaleReadings
+from stack_counter.weighing.scale_readings import ScaleReadings
 
 S = 10**9
 

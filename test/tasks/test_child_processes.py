@@ -9,7 +9,7 @@ import sys
 import pytest
 from kits.survivors import is_running, wait_for_end
 
-from stack_counter.child_processes import ENDS_WITH_STDIN, worker_pool
+from stack_counter.tasks.child_processes import ENDS_WITH_STDIN, worker_pool
 
 CHILD = "import time, {0} as c; c.end_with_parent(); print('up', flush=True); time.sleep(60)"
 # Starts a child as nodes are started, tells its id once it is up, and waits.
@@ -30,7 +30,7 @@ if __name__ == "__main__":
         pool.submit(time.sleep, 60)
         time.sleep(60)
 """
-MODULE = "stack_counter.child_processes"
+MODULE = "stack_counter.tasks.child_processes"
 
 
 def start(tmp_path, code, *arguments):

@@ -11,7 +11,7 @@ from kits.counted_bin import counted_bin
 from stack_counter.config import CounterConfig
 from stack_counter.counting import make_count, verdict
 from stack_counter.types import OccupancyEstimate, Reason
-from stack_counter.weighing import (
+from stack_counter.weighing.joined_count import (
     SETTINGS,
     PieceWeight,
     WeighedCount,

@@ -9,7 +9,7 @@ import pytest
 from kits.tasks import Squares
 
 from stack_counter.errors import ConfigError, LostWorkerError
-from stack_counter.tasks import Workers, map_tasks, run_tasks
+from stack_counter.tasks.workers import Workers, map_tasks, run_tasks
 
 
 @pytest.fixture(autouse=True)

@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from stack_counter import progress as module
-from stack_counter.progress import ProgressSettings, progress, progress_bar
+from stack_counter.tasks import progress as module
+from stack_counter.tasks.progress import ProgressSettings, progress, progress_bar
 
 PATIENCE_S = 30.0
 

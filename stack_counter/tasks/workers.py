@@ -18,9 +18,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
-from stack_counter.child_processes import worker_pool
 from stack_counter.errors import LostWorkerError
-from stack_counter.ray_actors import RayCrew, use_one_thread
+from stack_counter.tasks.child_processes import worker_pool
+from stack_counter.tasks.ray_actors import RayCrew, use_one_thread
 
 T = TypeVar("T")
 R = TypeVar("R")
