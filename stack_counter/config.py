@@ -130,6 +130,9 @@ class ReconstructorConfig:
                                                  "support plane, m; .nan: measured")
     hull_min_share: float = _setting(0.5, "share of the views that must see a voxel for it to "
                                           "stand, when there is no depth", 0.0, 1.0)
+    depth_weights: str = _setting("", "folder with your own Depth Anything V2 weights, by which "
+                                  "the depth of pictures is filled in where stereo measures none; "
+                                  "empty: it is not")
     scale_std: float = _setting(0.0, "relative standard deviation of all lengths in the poses, as "
                                      "of pictures scaled by a reference; adds to V's", 0.0, 0.3)
     filling_level_cells: int = _setting(8, "cells of the filling level's grid along the "

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import configured_container
 from stack_counter.errors import ConfigError, ScanError, ViewError
+from stack_counter.multiview.monocular import load_nearness
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.reconstruction import DepthReconstruction, PictureReconstruction
@@ -45,7 +47,7 @@ class StackCounter:
             ConfigError: settings do not fit each other, name a container that is not taught, or
                 name regions, of which each needs a counter of its own (`RegionCounters`).
             PromptError: the prompts are missing or malformed.
-            WeightsError: the SAM 2 weights are missing or damaged.
+            WeightsError: the weights of SAM 2 or Depth Anything are missing or damaged.
         """
         if config.regions:
             raise ConfigError(f"regions names {[region.name for region in config.regions]}; "
@@ -54,6 +56,8 @@ class StackCounter:
         self._config = config
         self._taught_container = configured_container(config)
         self._labels = ScanLabels(config)  # decides which pixel shows parts
+        if config.depth_weights:
+            load_nearness(Path(config.depth_weights))  # or a first scan would find them missing
         self.start(unit_volume)
 
     def start(self, unit_volume: float = 0.0) -> None:

@@ -17,6 +17,7 @@ Source: paper, section 3.3: the volume is carved by pictures' masks and by depth
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -33,6 +34,7 @@ from stack_counter.multiview.basin import (
     sides_show_parts,
 )
 from stack_counter.multiview.closed_container import carve_closed_container
+from stack_counter.multiview.monocular import fill_depth, load_nearness
 from stack_counter.multiview.pose_refinement import refine_poses
 from stack_counter.multiview.stereo import SETTINGS as STEREO_SETTINGS
 from stack_counter.multiview.stereo import depth_from_pictures
@@ -174,6 +176,7 @@ def depth_scan(views: list[View], config: ReconstructorConfig) -> StereoScan:
     Raises:
         ScanError: no hull, stereo sees too little of the stack, or no support to say what is up.
         ViewError: reasons `no_color`, `no_labels`.
+        WeightsError: the weights of Depth Anything that are named cannot be loaded.
     """
     # Refine the poses at the size that stereo works on.
     smaller = [scale_down(view, -(-view.intrinsics.width // SETTINGS.max_width_px))
@@ -183,6 +186,8 @@ def depth_scan(views: list[View], config: ReconstructorConfig) -> StereoScan:
     hull = carve_visual_hull(refined, max(config.voxel_size, SETTINGS.hull_voxel_m),
                              config.hull_min_share)
     with_depth = depth_from_pictures(refined, hull)
+    if config.depth_weights:
+        with_depth = fill_depth(with_depth, load_nearness(Path(config.depth_weights)))
     stack_depths = np.concatenate([
         np.asarray(view.depth)[np.isin(require_labels(view), (CONTAINER, PARTS))]
         for view in with_depth])

@@ -44,7 +44,7 @@ from stack_counter.types import (
 )
 
 if TYPE_CHECKING:
-    from stack_counter.occupancy.depth_anything import MonocularDepth
+    from stack_counter.pretrained.depth_anything import MonocularDepth
 
 SHIPPED = "gamma.safetensors"
 _CALIBRATION = {"scores", "scores_one_side", "centers", "middle", "whiten", "reach"}
@@ -137,7 +137,9 @@ class NetworkEstimator(OccupancyEstimator):
             if file.config.get("encoder") == "own":
                 raise WeightsError(f"depth_weights {depth_folder} beside a network that reads "
                                    "heights in part lengths; expected one upon DINOv2")
-            from stack_counter.occupancy.depth_anything import MonocularDepth  # needs transformers
+            from stack_counter.pretrained.depth_anything import (
+                MonocularDepth,  # needs transformers
+            )
 
             self._monocular = MonocularDepth(depth_folder)
 

@@ -84,7 +84,7 @@ def test_another_model_is_refused(depth_anything):
 
 
 def test_a_picture_gets_nearness(depth_anything):
-    from stack_counter.occupancy.depth_anything import MonocularDepth
+    from stack_counter.pretrained.depth_anything import MonocularDepth
 
     picture = np.random.default_rng(0).integers(0, 255, (40, 60, 3), np.uint8)
     near = MonocularDepth(depth_anything).estimate_nearness(picture)
