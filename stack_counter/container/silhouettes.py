@@ -23,11 +23,13 @@ class OutlineSettings:
     """Where a wall is held against outlines; all chosen.
 
     Attributes:
+        max_views: largest number of views used, evenly spread over the scan.
         ring_points: points of each ring.
         waist_share: depth of the ring between rim and foot, over the height.
         touching_share: share of that ring that touches outlines.
     """
 
+    max_views: int = 24
     ring_points: int = 36
     waist_share: float = 0.5
     touching_share: float = 0.3
@@ -87,7 +89,9 @@ class WallOutlines:
     def of_views(cls, views: Sequence[View], rim: WallShape, height: float, plane_z: float
                  ) -> WallOutlines:
         """Measures the outlines in the views' labels; the others are the attributes."""
-        return cls(Silhouettes(views), _points_on_ring(rim, 0.0), height, plane_z)
+        chosen = np.unique(np.linspace(0, len(views) - 1, SETTINGS.max_views).round().astype(int))
+        return cls(Silhouettes([views[i] for i in chosen]), _points_on_ring(rim, 0.0), height,
+                   plane_z)
 
     def errors(self, shape: WallShape) -> np.ndarray:
         """(m,) metres by which a wall fails: it leaves the rim, foot or waist do not touch.
@@ -96,10 +100,11 @@ class WallOutlines:
         the corners of a box, it may lie inside of all, and cross none.
         """
         rim = shape.depth_inside(self.rim, np.zeros(len(self.rim)))
-        foot, waist = (self.silhouettes.depth_inside(np.column_stack(
+        rings = [np.column_stack(
             [ring := _points_on_ring(shape, share * self.height),
-             np.full(len(ring), self.plane_z + (1 - share) * self.height)]))
-            for share in (1.0, SETTINGS.waist_share))
+             np.full(len(ring), self.plane_z + (1 - share) * self.height)])
+            for share in (1.0, SETTINGS.waist_share)]
+        foot, waist = np.split(self.silhouettes.depth_inside(np.concatenate(rings)), 2)
         touching = waist <= np.quantile(waist, SETTINGS.touching_share)
         errors = np.concatenate([rim, foot, np.where(touching, waist, np.minimum(waist, 0))])
         return np.where(np.isfinite(errors), errors, 0)
