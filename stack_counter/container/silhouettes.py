@@ -43,8 +43,9 @@ class Silhouettes:
 
     def __init__(self, views: Sequence[View]):
         """Measures how far inside its outline every pixel of each view lies."""
-        self._inside = [(view, _signed_distances(view.labels != BACKGROUND))
-                        for view in views if view.labels is not None]
+        self._outlines = [(view.intrinsics, geometry.inverse(view.T_world_camera),
+                           _signed_distances(view.labels != BACKGROUND))
+                          for view in views if view.labels is not None]
 
     def depth_inside(self, points: np.ndarray) -> np.ndarray:
         """(n,) metres that points lie inside the outlines, of all views the least.
@@ -56,15 +57,14 @@ class Silhouettes:
             Negative where a view sees the background there; infinite where no view looks.
         """
         least = np.full(len(points), np.inf)
-        for view, inside in self._inside:
-            local = geometry.apply(geometry.inverse(view.T_world_camera), points)
-            pixels, z = geometry.project(local, view.intrinsics)
+        for intrinsics, T_camera_world, inside in self._outlines:
+            pixels, z = geometry.project(geometry.apply(T_camera_world, points), intrinsics)
             x, y = pixels.T
             looks = (z > 0) & (x >= 0) & (x <= inside.shape[1] - 1) & (y >= 0) \
                 & (y <= inside.shape[0] - 1)
             # OpenCV rounds places to 1/32 of a pixel, over which a fit finds no slope.
             distance = ndimage.map_coordinates(inside, [y, x], order=1, mode="nearest")
-            metres = distance * z / view.intrinsics.fx
+            metres = distance * z / intrinsics.fx
             least = np.where(looks, np.minimum(least, metres), least)
         return least
 

@@ -67,8 +67,7 @@ class Region:
         noise: standard deviation of single depth points around that plane, metres.
         support_certain: False if that plane may be level parts, as no support is in sight.
         configured: given by the settings, so that nothing beyond it is counted.
-        stereo_window_m: side of the windows by which stereo measured the depth, metres, which
-            sees no wall without texture; 0 for depth cameras.
+        stereo_window_m: side of the windows that stereo compared, metres; 0: a depth camera.
     """
 
     low: np.ndarray

@@ -49,7 +49,8 @@ if TYPE_CHECKING:
 SHIPPED = "gamma.safetensors"
 _CALIBRATION = {"scores", "scores_one_side", "centers", "middle", "whiten", "reach"}
 # Scores by how the surface was seen: around, from one side, and by pictures without depth. Files
-# whose networks were not measured on pictures have none of those, which the first stand in for.
+# whose networks were not measured on pictures have none of those, which the first stand in for, as
+# the first center does.
 _SCORES = ("scores", "scores_one_side", "scores_pictures")
 
 
@@ -121,7 +122,9 @@ class NetworkEstimator(OccupancyEstimator):
         # By level of knowledge; files of networks that know v alone have no such rows.
         self._scores = [np.atleast_2d(calibration.get(name, calibration["scores"]))
                         for name in _SCORES]
-        self._centers = np.atleast_2d(calibration["centers"])  # (levels, ways to see)
+        centers = np.atleast_2d(calibration["centers"])
+        missing = np.repeat(centers[:, :1], len(_SCORES) - centers.shape[1], axis=1)
+        self._centers = np.hstack([centers, missing])  # (levels, ways to see), as the scores
         self._knows_form = bool(file.config.get("knows_form", False))
         rows = min(map(len, [*self._scores, self._centers]))
         if self._knows_form and rows < len(KnownLevel):
@@ -137,9 +140,8 @@ class NetworkEstimator(OccupancyEstimator):
             if file.config.get("encoder") == "own":
                 raise WeightsError(f"depth_weights {depth_folder} beside a network that reads "
                                    "heights in part lengths; expected one upon DINOv2")
-            from stack_counter.pretrained.depth_anything import (
-                MonocularDepth,  # needs transformers
-            )
+            # It needs transformers.
+            from stack_counter.pretrained.depth_anything import MonocularDepth
 
             self._monocular = MonocularDepth(depth_folder)
 
@@ -159,7 +161,7 @@ class NetworkEstimator(OccupancyEstimator):
         # Predict; take out the median error on families left out.
         prediction = predict_gamma(self._ensemble, maps, known_values(self._form, unit_volume),
                                    measured_resolution(volume, unit_volume), self._tuning)
-        center = self._centers[level][seen if seen < self._centers.shape[1] else 0]
+        center = self._centers[level][seen]
         gamma = min(float(np.exp(prediction.log_gamma + center)), SETTINGS.largest_gamma)
         # Widen the spread where the stack is unlike those of training.
         doubt = assess_doubt(
