@@ -16,6 +16,11 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--leave-out-source", nargs="+", default=[], metavar="SOURCE",
                         help="collections of real solids, e.g. KiCad, that no member sees; each"
                         " finished member is tested on them")
+    parser.add_argument("--start", type=Path, metavar="WEIGHTS",
+                        help="each member begins as the one of this file that has not seen the"
+                        " same fold of families, and goes on learning")
+    parser.add_argument("--rate", type=float, default=2e-3, metavar="R",
+                        help="highest learning rate (default 0.002); half of it suits --start")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

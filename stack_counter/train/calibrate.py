@@ -188,7 +188,8 @@ def main() -> int:
     # Write.
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True,
                             text=True, check=False).stdout.strip()
-    facts = {"version": options.version, "commit": commit, "errors": json.dumps(errors)}
+    facts = {"version": options.version, "commit": commit, "errors": json.dumps(errors),
+             "folds": json.dumps(list(members))}
     nets = list(members.values())
     graph = export_ensemble(nets) if options.encoder_weights is None else None
     save_members(options.out, nets, facts, calibration, graph)

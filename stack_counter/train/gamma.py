@@ -30,6 +30,7 @@ from stack_counter.train.member import (
     read_member,
     train_member,
 )
+from stack_counter.train.warm_start import begin_as_member
 
 
 def run(options: argparse.Namespace) -> int:
@@ -67,9 +68,12 @@ def train_fold(options: argparse.Namespace, number: int) -> None:
         chosen = random.permutation(np.flatnonzero(learnt))[:options.scenes]
         learnt = np.isin(np.arange(len(learnt)), chosen)
     # Train.
-    config = TrainConfig(epochs=options.epochs or TrainConfig.epochs, seed=options.seed)
+    config = TrainConfig(epochs=options.epochs or TrainConfig.epochs, rate=options.rate,
+                         seed=options.seed)
     torch.manual_seed(options.seed)
     net = make_net(options.encoder, options.encoder_weights)
+    if options.start is not None:
+        begin_as_member(net, options.start, number)
     path = options.out / f"member_{number}.pt"
     train_member(net, data.select(learnt), data.select((fold_by_sample == number) & ~foreign),
                  config, path, cores=max((os.cpu_count() or 1) // options.workers, 1))

@@ -120,7 +120,8 @@ def two_sources(tmp_path, monkeypatch):
         [s for part in parts for s in part.samples], [False] * 64, np.ones(64)))
     monkeypatch.setattr(gamma, "make_net", lambda *_: GammaNet(SMALL))
     return argparse.Namespace(out=tmp_path, folds=[0], scenes=None, epochs=1, seed=0, workers=1,
-                              encoder="own", encoder_weights=None, leave_out_source=["KiCad"])
+                              encoder="own", encoder_weights=None, leave_out_source=["KiCad"],
+                              start=None, rate=2e-3)
 
 
 def test_a_source_left_out_is_seen_by_no_member_and_tests_each(two_sources, monkeypatch, capsys):

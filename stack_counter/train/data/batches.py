@@ -19,6 +19,7 @@ from stack_counter.fusion.tsdf import voxel_size_for
 from stack_counter.occupancy.known_form import add_size_errors, hide_above
 from stack_counter.occupancy.maps import TILE, StackMaps, network_channels
 from stack_counter.occupancy.resolution import resolution_values
+from stack_counter.sim import source_of
 from stack_counter.train.data.degrade import degrade_like_fusion
 from stack_counter.train.data.heights import Sample
 from stack_counter.train.data.stereo_surface import degrade_like_stereo, draw_resolution
@@ -88,10 +89,16 @@ def family_group(family: str) -> str:
 
 
 def assign_folds(families: list[str]) -> dict[str, int]:
-    """Deals groups of families, which are never split, to folds at random."""
-    groups = sorted({family_group(family) for family in families})
-    folds = np.random.default_rng(_FOLD_SEED).permutation(len(groups)) % FOLDS
-    by_group = dict(zip(groups, folds.tolist()))
+    """Deals groups of families, which are never split, to folds at random.
+
+    Each source's are dealt apart: every fold has its share of them, and a further source moves
+    none of the families of the others.
+    """
+    by_group: dict[str, int] = {}
+    for source in sorted({source_of(family) for family in families}):
+        groups = sorted({family_group(f) for f in families if source_of(f) == source})
+        folds = np.random.default_rng(_FOLD_SEED).permutation(len(groups)) % FOLDS
+        by_group |= dict(zip(groups, folds.tolist()))
     return {family: by_group[family_group(family)] for family in families}
 
 

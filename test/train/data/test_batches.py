@@ -39,6 +39,14 @@ def test_no_group_of_families_is_split_and_all_folds_are_used():
     assert folds == assign_folds(families[::-1])
 
 
+def test_a_further_source_moves_no_family_and_is_dealt_to_all_folds():
+    ours = [f"family{i}" for i in range(12)]
+    kicad = [f"KiCad/family{i}" for i in range(12)]
+    folds = assign_folds(ours + kicad)
+    assert {f: folds[f] for f in ours} == assign_folds(ours)
+    assert {folds[f] for f in kicad} == set(range(FOLDS))
+
+
 def test_families_of_two_sources_are_not_of_one_group():
     assert family_group("plate_of_bars") == "plate"
     assert family_group("KiCad/Inductor_THT") == family_group("KiCad/Inductor_SMD")
