@@ -12,6 +12,9 @@ from stack_counter.errors import PartError
 from stack_counter.types import OccupancyEstimate, Reason, SourceCount, StackCount, StackVolume
 
 _ROUNDING = 1e-6  # of a part: an exact bound is not pushed to the next number by rounding
+_MOST_PARTS = 1e9  # a count beyond it is of a part whose volume is wrong; chosen
+_MOST_IN_MESSAGES = 2**32 - 1
+_MOST_LOG = 700.0  # exp of more is no number
 
 
 def check_unit_volume(unit_volume: float) -> float:
@@ -33,17 +36,22 @@ def make_count(volume: StackVolume, unit_volume: float, estimate: OccupancyEstim
     seen, times the relative standard deviation of this count, gamma and V together.
 
     Raises:
-        PartError: unit volume not a positive number.
+        PartError: unit volume not a positive number, or so small that no container holds the
+            count.
     """
     expected = estimate.gamma * volume.stack_volume / check_unit_volume(unit_volume)
+    if not expected <= _MOST_PARTS:
+        raise PartError(f"{expected:.3g} parts of {unit_volume:.3g} m3 in "
+                        f"{volume.stack_volume:.3g} m3; expected at most {_MOST_PARTS:.0e}: check "
+                        "the part's volume")
     count = round(expected)
     low = high = float(count)
     distribution = None
     if volume.stack_volume > 0:
         spread = math.hypot(estimate.gamma_std / estimate.gamma,
                             volume.stack_volume_std / volume.stack_volume)
-        distribution = expected * np.exp(np.sort(estimate.scores) * spread)
-        low, high = (expected * math.exp(conformal_quantile(estimate.scores, share) * spread)
+        distribution = _scaled(expected, np.sort(estimate.scores) * spread)
+        low, high = (float(_scaled(expected, conformal_quantile(estimate.scores, share) * spread))
                      for share in ((1 - confidence) / 2, (1 + confidence) / 2))
     interval = whole_interval(low, count, high)
     result = StackCount(
@@ -53,6 +61,11 @@ def make_count(volume: StackVolume, unit_volume: float, estimate: OccupancyEstim
         gamma_shares=estimate.shares, counted_scans=estimate.counted_scans,
         distribution=distribution, sources=(SourceCount("vision", count, interval, 1.0),))
     return with_reasons(result, *volume.reasons, *estimate.reasons)
+
+
+def _scaled(count: float, log_factor: np.ndarray | float) -> np.ndarray:
+    """A count times exp of something; no more than messages hold."""
+    return np.minimum(count * np.exp(np.minimum(log_factor, _MOST_LOG)), _MOST_IN_MESSAGES)
 
 
 def whole_interval(low: float, count: int, high: float) -> tuple[int, int]:

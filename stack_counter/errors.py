@@ -56,6 +56,18 @@ class ViewError(StackCounterError):
         return ViewError(self.reason, f"{topic}: {self._message}")
 
 
+def defect_line(what: str, error: Exception) -> str:
+    """Returns one line for a scan that an exception nobody expected has ended.
+
+    Args:
+        what: could not be done, e.g. `counted`.
+        error: the exception.
+    """
+    said = " ".join(str(error).split())[:200]
+    return (f"the scan could not be {what}: {type(error).__name__}: {said}; expected a scan that "
+            "can be: send its recording and the node's log to whoever maintains this package")
+
+
 def exit_code_of(error: BaseException) -> int:
     """Returns the exit code of a command that an error ends, or of one of its tasks.
 

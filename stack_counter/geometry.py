@@ -284,11 +284,14 @@ def crop(view: View, first: np.ndarray, last: np.ndarray) -> View:
         ViewError: reason `out_of_sight`, if nothing is left.
     """
     k = view.intrinsics
-    x0, y0 = np.maximum(np.floor(first), 0).astype(int)
-    x1, y1 = np.minimum(np.ceil(last), [k.width - 1, k.height - 1]).astype(int) + 1
-    if x1 <= x0 or y1 <= y0:
+    size = np.array([k.width, k.height])
+    # To the image while they are floats: no whole number is as large as some pixel far outside.
+    low, high = np.clip(np.floor(first), 0, size), np.clip(np.ceil(last), -1, size - 1)
+    if np.isnan([low, high]).any() or (high < low).any():
         raise ViewError("out_of_sight", f"pixels {first} to {last} of a {k.width}x{k.height} "
                                         "image; expected some inside")
+
+    (x0, y0), (x1, y1) = low.astype(int), high.astype(int) + 1
 
     def cropped(image: np.ndarray | None) -> np.ndarray | None:
         return None if image is None else np.ascontiguousarray(image[y0:y1, x0:x1])

@@ -17,6 +17,7 @@ from stack_counter.errors import ConfigError
 
 REGIONS = "regions"  # the setting that holds them
 _KEYS = ("center_m", "size_m")
+MOST_REGIONS = 100  # of one scan; chosen: each has topics of its own
 
 
 @dataclass(frozen=True)
@@ -41,10 +42,12 @@ def read_regions(value: Any) -> tuple[NamedRegion, ...]:
         value: mapping of names to mappings of `center_m` and `size_m` to three numbers, metres.
 
     Raises:
-        ConfigError: it is no such mapping; the message names the region.
+        ConfigError: it is no such mapping, or holds too many; the message names the region.
     """
     if not isinstance(value, Mapping):
         raise ConfigError(f"regions is {value!r}; expected names with center_m and size_m each")
+    if len(value) > MOST_REGIONS:
+        raise ConfigError(f"regions names {len(value)}; expected at most {MOST_REGIONS}")
     return tuple(_read_region(name, box) for name, box in value.items())
 
 

@@ -6,13 +6,14 @@ Nodes and `replay --direct` drive this class; without named regions it is one `S
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import traceback
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stack_counter.config import ReconstructorConfig
-from stack_counter.errors import ScanError, ViewError
+from stack_counter.errors import ScanError, ViewError, defect_line
 from stack_counter.pipeline import StackCounter
 from stack_counter.types import StackVolume, View, ViewTally
 
@@ -87,14 +88,24 @@ class RegionCounters:
         for counter in self.counters.values():
             counter.skip_view(error)
 
-    def volumes(self) -> Iterator[RegionVolume]:
-        """Measures V of one region after the other; where one gives none, the others go on."""
+    def volumes(self, on_defect: Callable[[str], object] | None = None) -> Iterator[RegionVolume]:
+        """Measures V of one region after the other; where one gives none, the others go on.
+
+        Args:
+            on_defect: takes the traceback of an exception that nobody expected, for a node that
+                goes on: the region then gives no volume. None: it is raised.
+        """
         for name, counter in self.counters.items():
             try:
                 volume = replace(counter.volume(), region=name)
                 yield RegionVolume(name, volume, volume.views)
             except ScanError as error:
                 yield RegionVolume(name, None, counter.tally, str(error))
+            except Exception as error:
+                if on_defect is None:
+                    raise
+                on_defect(traceback.format_exc())
+                yield RegionVolume(name, None, counter.tally, defect_line("measured", error))
 
     @property
     def tally(self) -> ViewTally:

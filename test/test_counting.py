@@ -141,3 +141,14 @@ def test_bad_weights_are_refused(tmp_path):
         with pytest.raises(WeightsError, match=path.name):
             Baselines(path)
             pytest.fail(name)
+
+
+@pytest.mark.parametrize("v, V", [(1e-30, 1e-3), (5e-324, 1e-3), (1e-6, 1e300)])
+def test_a_count_that_no_container_holds_is_refused(v, V):
+    with pytest.raises(PartError, match="expected at most 1e[+]09: check the part's volume"):
+        make_count(volume(V), v, estimate(), 0.9)
+
+
+def test_an_interval_without_end_is_as_wide_as_messages_go():
+    count = make_count(volume(1e-3, std=1e3), 1e-6, estimate(scores=(-1.0, 1.0)), 0.9)
+    assert count.count_interval == (0, 2**32 - 1)

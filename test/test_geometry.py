@@ -157,3 +157,14 @@ def test_bad_calibrations_are_refused(changes):
     with pytest.raises(ViewError, match="expected") as caught:
         geometry.check_intrinsics(Intrinsics(**{**K.__dict__, **changes}))
     assert caught.value.reason == "bad_intrinsics"
+
+
+@pytest.mark.parametrize("first, last", [
+    ((1e300, 0), (1e301, 9)), ((np.nan, 0), (9, 9)), ((0, 0), (9, np.nan)), ((-1e300, 0), (-9, 9)),
+    ((np.inf, 0), (np.inf, 9))])
+def test_pixels_far_outside_leave_nothing(first, last):
+    view = View(0, Intrinsics(20, 10, 9.0, 9.0, 9.0, 5.0), np.eye(4), np.zeros((10, 20, 3)))
+    with pytest.raises(ViewError, match="expected some inside"):
+        geometry.crop(view, np.array(first), np.array(last))
+    whole = geometry.crop(view, np.array([-np.inf, -1e300]), np.array([1e300, np.inf]))
+    assert whole.color.shape == (10, 20, 3) and whole.intrinsics == view.intrinsics

@@ -82,3 +82,17 @@ def test_a_view_that_no_region_takes_is_refused_and_counted(recorded):
 def test_one_stack_counter_refuses_several_regions():
     with pytest.raises(ConfigError, match=r"regions names \['half', .*expected none"):
         StackCounter(settings())
+
+
+def test_a_defect_is_raised_unless_a_node_is_to_go_on(monkeypatch):
+    def fail(self):
+        raise IndexError("of ours\nin two lines")
+
+    monkeypatch.setattr(StackCounter, "volume", fail)
+    counters, said = RegionCounters(settings()), []
+    with pytest.raises(IndexError):
+        next(counters.volumes())
+    results = list(counters.volumes(said.append))
+    assert [result.region for result in results] == list(REGIONS) and len(said) == len(results)
+    assert "IndexError: of ours in two lines; expected" in results[0].error
+    assert "\n" not in results[0].error and "Traceback" in said[0]

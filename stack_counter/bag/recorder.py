@@ -225,7 +225,8 @@ class _MessageHistory:
 
     def add(self, message: Received, key: Hashable) -> None:
         if key is not None:
-            self._latest[key] = message
+            if key in self._latest or len(self._latest) < tf_buffer.SETTINGS.frames:
+                self._latest[key] = message
             return
         self._samples.append(message)
         while self._samples[0].received_ns < message.received_ns - tf_buffer.SETTINGS.kept_ns:

@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Mapping
 
 from stack_counter_msgs.msg import StackCount, StackVolume
 from visualization_msgs.msg import MarkerArray
 
 from stack_counter.config import CounterConfig
-from stack_counter.errors import StackCounterError
+from stack_counter.errors import StackCounterError, defect_line
+from stack_counter.named_region import MOST_REGIONS
 from stack_counter.nodes.count_action import CountAction
 from stack_counter.nodes.count_publishers import CountPublishers
 from stack_counter.nodes.result_logging import ResultLogging
@@ -86,6 +88,13 @@ class CounterNode(ManagedNode[CounterConfig]):
             resolve_part(configured_part(config), config.part_catalogue)
 
     def _on_volume(self, message: StackVolume) -> None:
+        # Whoever reaches the domain may name regions, of which each takes publishers.
+        if message.region not in self._text_places and len(self._text_places) >= MOST_REGIONS:
+            self.get_logger().error(
+                f"volume of region '{message.region}' dropped: it is one of more than "
+                f"{MOST_REGIONS}; expected those of the reconstructor's settings",
+                throttle_duration_sec=5.0)
+            return
         # Count.
         count = self._count_volume(message)
         count.weights = self._weights
@@ -139,6 +148,9 @@ class CounterNode(ManagedNode[CounterConfig]):
                                  self._scale.weighing(self._config))
         except StackCounterError as error:
             return failed_count(message.error or str(error), message)
+        except Exception as error:  # a volume that nobody expected must not go without an answer
+            self.get_logger().error(traceback.format_exc())
+            return failed_count(defect_line("counted", error), message)
         return to_stack_count(result, message)
 
     @property

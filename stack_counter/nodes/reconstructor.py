@@ -146,7 +146,9 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         if self._stopped is not None and self._stopped.scan_id != message.scan_id:
             self._stopped = None
         self._stack = self._next_stack
-        self._stack.start(message.unit_volume)
+        # It only chooses voxels: a v that cannot be one is refused where the part is counted.
+        is_size = math.isfinite(message.unit_volume) and message.unit_volume > 0
+        self._stack.start(message.unit_volume if is_size else 0.0)
 
     def _on_status(self, message: ScanStatus) -> None:
         """Ends the scan that the collector has stopped, once its images are in."""
@@ -213,7 +215,7 @@ class Reconstructor(ManagedNode[ReconstructorConfig]):
         assert self._scan is not None  # for the type checker
         scan, missing = self._scan, list(self._stopped.missing_cameras) if self._stopped else []
         header, shown = Header(stamp=scan.header.stamp, frame_id=scan.world_frame), []
-        for measured in self._stack.volumes():
+        for measured in self._stack.volumes(self.get_logger().error):
             volume = measured.volume
             if volume is not None:
                 views = self._scan_tally(volume.views)

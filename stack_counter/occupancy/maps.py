@@ -20,6 +20,7 @@ from stack_counter.types import PARTS, KeyView, StackVolume
 # The weights are learnt with these.
 PIXELS_PER_LENGTH = 8  # a part length
 TILE = 112  # side of a tile, pixels: 14 part lengths
+_NARROWEST_PX = 2  # of a map: a surface's slope takes two pixels
 CHANNELS = 4  # local height, validity, distance to the wall, height above the inner surface
 
 
@@ -33,6 +34,7 @@ class MapSettings:
             of a height are averaged.
         local_limit: largest height over the surroundings, part lengths.
         largest_map: pixels a side; parts so small beside the container are not resolved.
+        tallest: part lengths; ten times as high as the largest map is wide.
         fewest_key_view_pixels: pixels with parts and depth that a key view must have.
         key_view_floor: percentile of a key view's heights that counts as height 0.
     """
@@ -41,6 +43,7 @@ class MapSettings:
     surroundings: float = 1.5
     local_limit: float = 3.0
     largest_map: int = 2048
+    tallest: float = 2560.0
     fewest_key_view_pixels: int = 112
     key_view_floor: float = 2.0
 
@@ -88,6 +91,12 @@ def stack_maps(volume: StackVolume, unit_volume: float) -> StackMaps:
         raise ScanError(f"the stack is {max(top.shape) * volume.top.pitch / part_length:.0f} part "
                         f"lengths wide; expected at most "
                         f"{SETTINGS.largest_map // PIXELS_PER_LENGTH}")
+    if min(top.shape) * scale < _NARROWEST_PX:
+        raise ScanError(f"the stack is {min(top.shape) * volume.top.pitch / part_length:.2g} part "
+                        f"lengths wide; expected at least {_NARROWEST_PX / PIXELS_PER_LENGTH}")
+    if not (height := float((top - inner)[valid].max()) / part_length) <= SETTINGS.tallest:
+        raise ScanError(f"the stack is {height:.3g} part lengths high; expected at most "
+                        f"{SETTINGS.tallest:.0f}")
     top, inner = (_resample(_fill_from_nearest(a, valid) / part_length, scale)
                   for a in (top, inner))
     valid = _resample(valid.astype(np.float32), scale) > 0.5

@@ -30,6 +30,7 @@ from stack_counter.ros.count_fields import (
 )
 from stack_counter.ros.part_fields import from_part_fields, to_part_fields
 from stack_counter.ros.standard_messages import to_camera_info, to_header, to_image, to_pose
+from stack_counter.ros.stated_sizes import check_image_sizes, check_map, check_volume
 from stack_counter.types import (
     Container,
     HeightMap,
@@ -75,8 +76,10 @@ def from_posed_image(message: PosedImage) -> View:
     """Returns the view of its message.
 
     Raises:
-        ViewError: an image cannot be decoded, its depth is empty, or the pose is none.
+        ViewError: an image cannot be decoded or is of another size than its calibration, its
+            depth is empty, or the pose is none.
     """
+    check_image_sizes(message)
     return View(
         stamp_ns=decoding.stamp_ns(message.header.stamp), camera=message.header.frame_id,
         intrinsics=decoding.intrinsics_of_camera_info(message.camera_info),
@@ -104,8 +107,10 @@ def from_key_view(message: KeyViewMsg) -> KeyView:
     """Returns the key view of its message.
 
     Raises:
-        ViewError: an image cannot be decoded, its depth is empty, or the pose is none.
+        ViewError: an image cannot be decoded or is of another size than its calibration, its
+            depth is empty, or the pose is none.
     """
+    check_image_sizes(message)
     return KeyView(
         stamp_ns=decoding.stamp_ns(message.header.stamp),
         intrinsics=decoding.intrinsics_of_camera_info(message.camera_info),
@@ -148,9 +153,15 @@ def to_height_map(height_map: HeightMap | None) -> HeightMapMsg:
 
 
 def from_height_map(message: HeightMapMsg) -> HeightMap | None:
-    """Returns the height map of its message; None for one without cells."""
+    """Returns the height map of its message; None for one without cells.
+
+    Raises:
+        ScanError: it states another number of cells than it has, or no pitch.
+        ViewError: its pose is none.
+    """
     if not message.rows:
         return None
+    check_map(message)
     heights = np.array(message.heights, np.float32).reshape(message.rows, message.cols)
     return HeightMap(decoding.pose_to_matrix(message.pose), message.pitch, heights)
 
@@ -224,7 +235,9 @@ def from_stack_volume(message: StackVolumeMsg) -> StackVolume:
 
     Raises:
         ViewError: an image of the key view cannot be decoded, or a pose is none.
+        ScanError: V, its standard deviation or a map cannot be one.
     """
+    check_volume(message)
     reasons = from_reasons(message.reasons)
     return StackVolume(
         stamp_ns=decoding.stamp_ns(message.header.stamp), stack_volume=message.stack_volume,

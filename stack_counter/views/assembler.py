@@ -196,12 +196,11 @@ class ViewAssembler:
 
     def _add_pose(self, header: Any, child: str, pose: Any, decode: Any, static: bool) -> None:
         try:
-            T = decode(pose)
+            self._transforms.add_transform(
+                decoding.stamp_ns(header.stamp), header.frame_id.lstrip("/"), child.lstrip("/"),
+                decode(pose), static)
         except ViewError as error:
             self._log_first(error.on(child))
-            return
-        self._transforms.add_transform(decoding.stamp_ns(header.stamp),
-                                       header.frame_id.lstrip("/"), child.lstrip("/"), T, static)
 
     # --- views out ----------------------------------------------------------------------------
 

@@ -25,12 +25,16 @@ class TransformBufferSettings:
         clock_jump_ns: a sample older than the newest by more than this is no late one: the clock
             was set back.
         kept_ns: samples older than the newest by more than this are forgotten.
+        kept_samples: of one frame, at most: one a millisecond for as long, and more.
+        frames: with parents, at most; a cell with several robots has some hundred.
         still_m, still_rad: two samples that differ by no more, in metres and radians, are of a
             joint at rest: ten times the steps of a usual encoder, a fifth of an arm's noise.
     """
 
     clock_jump_ns: int = 10**9
     kept_ns: int = 60 * 10**9
+    kept_samples: int = 100_000
+    frames: int = 10_000
     still_m: float = 1e-4
     still_rad: float = 1e-4
 
@@ -70,7 +74,8 @@ class TransformSamples:
             return
         self.stamps.insert(i, stamp_ns)
         self.poses.insert(i, T)
-        old = bisect.bisect_left(self.stamps, self.stamps[-1] - SETTINGS.kept_ns)
+        old = max(bisect.bisect_left(self.stamps, self.stamps[-1] - SETTINGS.kept_ns),
+                  len(self.stamps) - SETTINGS.kept_samples)
         if old:
             del self.stamps[:old], self.poses[:old]
 
@@ -89,8 +94,15 @@ class TransformBuffer:
 
     def add_transform(self, stamp_ns: int, parent: str, child: str, T_parent_child: np.ndarray,
                       static: bool = False) -> None:
-        """Adds a sample, in any order of stamps; a static one replaces the last."""
+        """Adds a sample, in any order of stamps; a static one replaces the last.
+
+        Raises:
+            ViewError: reason `no_tf`: the frame is new, and there are too many already.
+        """
         edge = self._edges.get(child)
+        if edge is None and len(self._edges) >= SETTINGS.frames:
+            raise ViewError("no_tf", f"frame '{child}' beside {len(self._edges)} others; expected "
+                                     f"at most {SETTINGS.frames}: see who publishes /tf")
         if edge is None or edge.parent != parent or edge.static != static or static:
             edge = self._edges[child] = TransformSamples(parent, static)
         edge.add(stamp_ns, T_parent_child)

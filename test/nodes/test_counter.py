@@ -11,7 +11,7 @@ from kits.harness import LATCHED, PATIENCE_S
 from kits.result_schema import read_result
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from stack_counter_msgs.msg import Container, StackCount, StackVolume
+from stack_counter_msgs.msg import Container, HeightMap, StackCount, StackVolume
 from std_msgs.msg import Header, String
 from visualization_msgs.msg import MarkerArray
 
@@ -175,3 +175,13 @@ def test_every_final_result_is_a_line_of_the_log_and_flat_json(ros, counter):
     assert read_result(json_of("l"), "flat") == flat_line(failed)
     counter(final=False, scan_id="m", unit_volume=1e-6, stack_volume=1e-3)
     assert not json_of("m")
+
+
+@pytest.mark.parametrize("fields, said", [
+    ({"top": HeightMap(rows=4000000000, cols=4000000000, pitch=0.1)}, "over an inner surface of"),
+    ({"stack_volume": float("nan")}, "stack_volume is nan"),
+    ({"stack_volume": 1.0, "unit_volume": 1e-30}, "expected at most 1e+09")])
+def test_a_volume_that_cannot_be_one_is_an_error_with_its_reason(counter, fields, said):
+    count = counter(scan_id=f"no volume {said}", **{
+        "unit_volume": 1e-6, "container": Container(kind="none"), **fields})
+    assert count.status == StackCount.STATUS_ERROR and said in count.error

@@ -70,6 +70,8 @@ def test_tiles_cover_the_stack(rows, cols, count):
     (None, 1e-6, "no top-surface map"),
     (np.full((5, 5), np.nan), 1e-6, "0 of 25 cells"),
     (np.full((500, 500), 0.1), 1e-12, "part lengths wide"),
+    (np.full((1, 50), 0.1), 0.02**3, "0.1 part lengths wide; expected at least"),
+    (np.full((40, 40), 90.0), 1e-6, "part lengths high; expected at most 2560"),
 ])
 def test_what_cannot_be_read_is_refused(heights, unit_volume, message):
     with pytest.raises(ScanError, match=message):

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from kits.memory import limited_memory
 
 from stack_counter.errors import MeshError
 from stack_counter.teaching.part_mesh import SETTINGS, load_part_mesh
@@ -114,3 +115,19 @@ def test_step_files_say_their_unit():
     part = load_part_mesh(Path(__file__).parent / "block.step", "m")  # 30 x 20 x 10 mm, bored
     assert part.size_m == pytest.approx([0.03, 0.02, 0.01], rel=1e-4)
     assert part.unit_volume == pytest.approx(6e-6 - np.pi * 0.004**2 * 0.01, rel=1e-3)
+
+
+STATES_TOO_MUCH = {
+    "stl": b"\0" * 80 + (2**32 - 1).to_bytes(4, "little") + b"\0" * 50,
+    "ply": b"ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\n"
+           b"property float y\nproperty float z\nelement face 4000000000\n"
+           b"property list uchar int vertex_indices\nend_header\n" + b"\0" * 50,
+    "off": b"OFF\n4000000000 4000000000 0\n0 0 0\n"}
+
+
+@pytest.mark.parametrize("suffix", STATES_TOO_MUCH)
+def test_a_file_that_states_more_than_it_holds_is_refused_before_room_is_made(tmp_path, suffix):
+    path = tmp_path / f"part.{suffix}"
+    path.write_bytes(STATES_TOO_MUCH[suffix])
+    with limited_memory(), pytest.raises(MeshError, match="expected"):
+        load_part_mesh(path)

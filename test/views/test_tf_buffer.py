@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The transform buffer: interpolation against scipy, gaps, trees, loops, forgetting."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from stack_counter import geometry
 from stack_counter.errors import ViewError
+from stack_counter.views import tf_buffer
 from stack_counter.views.tf_buffer import TransformBuffer
 
 MS = 10**6
@@ -220,3 +223,18 @@ def test_a_sample_older_than_all_that_is_kept_does_no_harm():
     buffer.add_transform(1, "base", "tool", random_pose())
     refused(buffer, "base", "tool", 1, "no_tf")
     assert buffer.lookup("base", "tool", 100 * 10**9)[0] == pytest.approx(np.eye(4))
+
+
+def test_a_storm_of_samples_or_frames_takes_no_more_memory(monkeypatch):
+    monkeypatch.setattr(tf_buffer, "SETTINGS",
+                        replace(tf_buffer.SETTINGS, kept_samples=5, frames=3))
+    buffer = TransformBuffer(0.1)
+    for i in range(9):
+        buffer.add_transform(i, "base", "tool", random_pose())
+    assert buffer._edges["tool"].stamps == [4, 5, 6, 7, 8]
+    for name in "ab":
+        buffer.add_transform(0, "base", name, np.eye(4))
+    with pytest.raises(ViewError, match="frame 'c' beside 3 others; expected at most 3"):
+        buffer.add_transform(0, "base", "c", np.eye(4))
+    buffer.add_transform(9, "base", "tool", np.eye(4))  # known frames go on
+    assert buffer._edges["tool"].stamps[-1] == 9

@@ -13,21 +13,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata, Schema
 
+from stack_counter.bag.formats.decompression import decompress_lz4, decompress_zstd
 from stack_counter.errors import BagError
 
 # Format of a record's header: opcode, length of its content.
 RECORD_HEADER = struct.Struct("<BQ")
 # Format of a message's head: channel, sequence, log time, publish time.
 MESSAGE_HEAD = struct.Struct("<HIQQ")
-# Bytes decompressed at a time: what precedes damage is kept.
-_DECOMPRESS_BYTES = 1 << 16
 
 
 class Block(NamedTuple):
@@ -115,7 +113,7 @@ def read_block(path: Path, block: Block, definitions: McapDefinitions
     """
     with open(path, "rb") as file:
         file.seek(block.offset)
-        content = file.read(block.length)
+        content = file.read(min(block.length, path.stat().st_size))
     if not block.is_chunk:
         return list(_parse_records(content, definitions)), len(content) == block.length
     # Read and check the chunk, as far as it goes.
@@ -153,10 +151,8 @@ def _decompress(chunk: Chunk, path: Path) -> Iterator[bytes]:
     if not chunk.compression:
         yield chunk.data
         return
-    decompressor = zstandard.ZstdDecompressor().decompressobj() if chunk.compression == "zstd" \
-        else lz4.frame.LZ4FrameDecompressor()
+    decompress = decompress_zstd if chunk.compression == "zstd" else decompress_lz4
     try:
-        for start in range(0, len(chunk.data), _DECOMPRESS_BYTES):
-            yield decompressor.decompress(chunk.data[start:start + _DECOMPRESS_BYTES])
-    except (zstandard.ZstdError, RuntimeError, EOFError):  # damaged or, with lz4, beyond the end
-        return
+        yield from decompress(chunk.data)
+    except (zstandard.ZstdError, RuntimeError, EOFError, BagError):
+        return  # damaged or, with lz4, beyond the end

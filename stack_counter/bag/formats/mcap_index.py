@@ -88,6 +88,9 @@ class McapIndex:
             summary = reader.get_summary()
             if summary is None or (statistics := summary.statistics) is None:
                 return False
+            size = self._path.stat().st_size
+            if any(c.chunk_start_offset + c.chunk_length > size for c in summary.chunk_indexes):
+                return False
             told = len(summary.chunk_indexes), len(summary.metadata_indexes)
             if told != (statistics.chunk_count, statistics.metadata_count) \
                     or (statistics.message_count and not summary.chunk_indexes) \
@@ -96,7 +99,8 @@ class McapIndex:
                             } <= {0, *summary.schemas}:
                 return False
             metadata = list(reader.iter_metadata())
-        except (McapError, struct.error, UnicodeDecodeError, ValueError):  # it is damaged
+        except (McapError, struct.error, UnicodeDecodeError, ValueError, MemoryError,
+                OverflowError):  # it is damaged
             return False
         for one in metadata:
             self.definitions.add_metadata(one)
@@ -131,10 +135,12 @@ class McapIndex:
                 self._list_chunk(start, length, file.read(16))
             elif opcode == Opcode.MESSAGE and whole:
                 self._list_message(start, length, file.read(MESSAGE_HEAD.size))
-            elif opcode == Opcode.FOOTER or not whole:
-                return
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
-                self.definitions.read(opcode, file.read(length))
+                if whole:
+                    self.definitions.read(opcode, file.read(length))
+            if opcode == Opcode.FOOTER or not whole:
+                self.truncated |= not whole
+                return
             start += length
             file.seek(start)
 

@@ -15,6 +15,7 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.serde import SerdeError
 
+from stack_counter.bag.formats.decompression import decompress_zstd
 from stack_counter.bag.message_definitions import known_types, message_definition
 from stack_counter.errors import BagError
 
@@ -154,6 +155,6 @@ def _uncompressed(stored: bytes, topic: str) -> bytes:
     if not stored.startswith(ZSTD_MAGIC):
         return stored
     try:
-        return zstandard.ZstdDecompressor().decompressobj().decompress(stored)
+        return b"".join(decompress_zstd(stored))
     except zstandard.ZstdError as error:
         raise BagError(f"a compressed message on {topic} is damaged: {error}") from error

@@ -136,10 +136,12 @@ def _read_numbers(path: Path) -> np.ndarray:
     Raises:
         BagError: it does not decode, or is no depth.
     """
+    raw: np.ndarray | None
     if path.suffix.lower() == ".npy":
         try:
-            raw = np.squeeze(np.load(path, allow_pickle=False))
-        except (ValueError, OSError, EOFError) as error:
+            # Mapped: of an array that states more than it holds nothing is made room for.
+            raw = np.squeeze(np.array(np.load(path, "r", allow_pickle=False)))
+        except (ValueError, OSError, EOFError, OverflowError) as error:
             raise BagError(f"{path} does not decode ({error}); expected an array") from error
     else:
         raw = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)

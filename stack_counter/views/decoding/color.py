@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from stack_counter.errors import ViewError
+from stack_counter.views.decoding.image_files import check_stated_size
 from stack_counter.views.decoding.pixels import PLANAR, image_to_array
 
 # What OpenCV calls the way from an encoding to RGB; None: it is RGB.
@@ -74,11 +75,12 @@ def _to_rgb(image: np.ndarray, encoding: str) -> np.ndarray:
 def _decompress(message: Any) -> np.ndarray:
     """(h, w, 3) uint8 RGB of a `CompressedImage`, whose format may name a Bayer mosaic."""
     data = np.frombuffer(message.data, np.uint8)
+    check_stated_size(data.data, str(message.format))
     # Before the semicolon stands the encoding of what was compressed.
     encoding = str(message.format).partition(";")[0].strip()
     # The calibration is that of the pixels as stored: an EXIF orientation does not count.
     how = cv2.IMREAD_UNCHANGED if encoding.startswith("bayer_") else cv2.IMREAD_COLOR
-    decoded = cv2.imdecode(data, how | cv2.IMREAD_IGNORE_ORIENTATION) if len(data) else None
+    decoded = cv2.imdecode(data, how | cv2.IMREAD_IGNORE_ORIENTATION)
     if decoded is None:
         raise ViewError("bad_image", f"{len(data)} bytes of '{message.format}' do not decode; "
                                      "expected a JPEG or PNG image")

@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 
 from stack_counter.errors import ViewError
-from stack_counter.views.decoding.pixels import image_to_array
+from stack_counter.views.decoding.image_files import check_stated_size
+from stack_counter.views.decoding.pixels import MAX_DEPTH_PIXELS, image_to_array
 from stack_counter.views.decoding.rvl import decode_rvl
 
 _RAW = ("16UC1", "mono16", "32FC1")
@@ -102,7 +103,8 @@ def _decompress(message: Any) -> np.ndarray:
 
 def _decode_image(data: bytes, name: str) -> np.ndarray:
     """Decodes an image file of one channel of 16 bits, or of float32."""
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    check_stated_size(data, name, MAX_DEPTH_PIXELS)
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise ViewError("bad_image", f"{len(data)} bytes of depth in '{name}' do not decode; "
                                      "expected a PNG image of 16 bits, or compressedDepth")

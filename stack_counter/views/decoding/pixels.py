@@ -30,8 +30,16 @@ LAYOUTS: dict[str, tuple[type[np.generic], int]] = {
     "nv12": (np.uint8, 1), "nv21": (np.uint8, 1)}
 # Of these, half as many rows of colour follow the rows of brightness.
 PLANAR = ("nv12", "nv21")
-# A larger image, in pixels, is a damaged message, not a camera.
+# A larger image, in pixels, is a damaged message, not a camera. Chosen: pictures of phones have
+# 200 million, depth cameras some. Packed images of so many pixels may be a few bytes long.
 MAX_SIDE_PX = 16384
+MAX_PIXELS = 1 << 28
+MAX_DEPTH_PIXELS = 1 << 26
+
+
+def is_camera_size(width: int, height: int, most: int = MAX_PIXELS) -> bool:
+    """Whether a camera may have so many pixels, `most` at most: room is made only for those."""
+    return 0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX and width * height <= most
 
 
 def image_to_array(message: Any) -> np.ndarray:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from stack_counter.errors import ViewError
-from stack_counter.views.decoding.pixels import MAX_SIDE_PX
+from stack_counter.views.decoding.pixels import MAX_DEPTH_PIXELS, is_camera_size
 
 _MAX_NIBBLES = 11  # of a number of 32 bits
 
@@ -29,9 +29,9 @@ def decode_rvl(data: bytes) -> np.ndarray:
     """
     words = np.frombuffer(data[:len(data) // 4 * 4], "<u4")
     width, height = words[:2].tolist() if len(words) > 1 else (0, 0)
-    if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX):
+    if not is_camera_size(width, height, MAX_DEPTH_PIXELS):
         raise ViewError("bad_image", f"RVL depth of {width}x{height} in {len(data)} bytes; "
-                                     "expected sizes above 0")
+                                     f"expected 1 to {MAX_DEPTH_PIXELS} pixels")
     numbers = _read_numbers(words[2:])
     starts = _find_runs(numbers, width * height)
     # All other numbers are differences, of the valid pixels one after the other.

@@ -4,6 +4,7 @@
 import cv2
 import numpy as np
 import pytest
+from kits.memory import limited_memory
 from PIL import Image
 
 from stack_counter.bag.nerfstudio.images import (
@@ -117,3 +118,11 @@ def test_cutouts_give_labels_and_must_have_an_alpha_channel(tmp_path):
         read_cutouts(saved(tmp_path / "plain.png", both[..., :3]), None, SIZE)
     with pytest.raises(BagError, match="8x6 and its picture 4x4"):
         read_cutouts(paths[0], None, (4, 4))
+
+
+def test_an_array_that_states_more_than_it_holds_is_refused(tmp_path):
+    path = tmp_path / "d.npy"
+    np.save(path, np.zeros((6, 8), np.float32))
+    path.write_bytes(path.read_bytes().replace(b"(6, 8), }      ", b"(60000, 80000)}"))
+    with limited_memory(), pytest.raises(BagError, match="d.npy does not decode"):
+        read_depth(path, SIZE, None)
