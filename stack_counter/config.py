@@ -32,8 +32,10 @@ class CollectorConfig:
     unit_volume_m3: float = _setting(0.0, "volume of one part, m3; 0: the part's", 0.0)
     part_size_m: tuple[float, ...] = _setting((0.0, 0.0, 0.0), "sides of the box around one part, "
                                               "m; zeros: the part's", 0.0)
-    part_catalogue: str = _setting("", "file of the known parts; empty: config/parts.yaml")
-    rig: str = _setting("", "file that names several cameras; empty: one, as described below")
+    part_catalogue: str = _setting("", "file of the known parts; empty: config/parts.yaml",
+                                   path=True)
+    rig: str = _setting("", "file that names several cameras; empty: one, as described below",
+                        path=True)
     world_frame: str = _setting("base_link", "frame of the poses, z up")
     color_topic: str = _setting("/camera/color/image_raw", "colour images, without /compressed")
     color_transport: str = _setting(
@@ -52,7 +54,8 @@ class CollectorConfig:
     pose_topic: str = _setting("/camera/pose",
                                "PoseStamped of the optical frame, if pose_source is topic")
     robot_description_file: str = _setting(
-        "", "URDF of a robot that is left out of depth wherever it is in sight; empty: none")
+        "", "URDF of a robot that is left out of depth wherever it is in sight; empty: none",
+        path=True)
     joint_states_topic: str = _setting("/joint_states", "JointState of that robot")
     reliable: bool = _setting(True, "ask camera topics for reliable delivery; set false for a "
                                     "driver that publishes best effort")
@@ -71,7 +74,7 @@ class CollectorConfig:
                                          "blurred, grey levels squared", 0.0, 10000.0,
                                     runtime=True)
     record_folder: str = _setting("", "folder that every scan is recorded to, one mcap file "
-                                      "each; empty: none")
+                                      "each; empty: none", path=True)
     record_max_mb: float = _setting(10000.0, "size of all recordings together, MB; the oldest are "
                                              "deleted", 1.0, 1e8)
 
@@ -105,13 +108,14 @@ class ReconstructorConfig:
                                                  "m; .nan: found in what is seen")
     container: str = _setting("", "name of a taught container; empty: none")
     container_catalogue: str = _setting("", "file of the taught containers; empty: "
-                                            "config/containers.yaml")
+                                            "config/containers.yaml", path=True)
     segmenter: str = _setting("auto", "who labels the views; auto: prompts if set, else depth, "
                                       "else the views' own labels",
                               choices=("auto", "geometric", "labels", "prompted", "sam2"))
     prompts: str = _setting("", "what is marked in the first view: a YAML file, or its text in "
-                                "braces", runtime=True)
-    sam2_weights: str = _setting("", "folder of a SAM 2 video model with safetensors, for sam2")
+                                "braces", runtime=True, path=True)
+    sam2_weights: str = _setting("", "folder of a SAM 2 video model with safetensors, for sam2",
+                                 path=True)
     container_kind: str = _setting("auto", "what holds the parts",
                                    choices=("auto", "box", "round", "free", "none"))
     container_inner_size_m: tuple[float, ...] = _setting(
@@ -132,14 +136,14 @@ class ReconstructorConfig:
                                           "stand, when there is no depth", 0.0, 1.0)
     depth_weights: str = _setting("", "folder with your own Depth Anything V2 weights, by which "
                                   "the depth of pictures is filled in where stereo measures none; "
-                                  "empty: it is not")
+                                  "empty: it is not", path=True)
     scale_std: float = _setting(0.0, "relative standard deviation of all lengths in the poses, as "
                                      "of pictures scaled by a reference; adds to V's", 0.0, 0.3)
     filling_level_cells: int = _setting(8, "cells of the filling level's grid along the "
                                            "container's longer side; they are as square as can be",
                                         1, 10)
     report_folder: str = _setting("", "folder into which the service write_report writes; empty: "
-                                      "it does not")
+                                      "it does not", path=True)
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a setting says one place beside the regions, which are many."""
@@ -165,14 +169,17 @@ class CounterConfig:
                                      runtime=True)
     part_size_m: tuple[float, ...] = _setting((0.0, 0.0, 0.0), "sides of the box around one part, "
                                               "m; zeros: the part's", 0.0, runtime=True)
-    part_catalogue: str = _setting("", "file of the known parts; empty: config/parts.yaml")
+    part_catalogue: str = _setting("", "file of the known parts; empty: config/parts.yaml",
+                                   path=True)
     estimator: str = _setting("network", "what says gamma", choices=(
         "network", "depth_corrected", "depth_extrapolated", "prior", "direct"))
-    weights: str = _setting("", "safetensors file of the estimator; empty: the shipped one")
+    weights: str = _setting("", "safetensors file of the estimator; empty: the shipped one",
+                            path=True)
     encoder_weights: str = _setting("", "folder with your own DINOv2 weights, for estimator "
-                                        "weights that were trained upon it; empty: none")
+                                        "weights that were trained upon it; empty: none",
+                                  path=True)
     depth_weights: str = _setting("", "folder with your own Depth Anything V2 weights, which read "
-                                      "key views in colour only; empty: none")
+                                      "key views in colour only; empty: none", path=True)
     confidence: float = _setting(0.9, "probability that the interval holds the true count",
                                  0.01, 0.999, runtime=True)
     expected_count: int = _setting(0, "parts that every count is judged by; 0: none",
@@ -192,7 +199,7 @@ class CounterConfig:
     timeout_s: float = _setting(60.0, "longest time of a scan that an action or service asks for "
                                       "without saying, s", 0.1, 86400.0, runtime=True)
     result_log: str = _setting("", "file to which a line is added for every final result: .csv, "
-                                   "or .jsonl for JSON lines; empty: none")
+                                   "or .jsonl for JSON lines; empty: none", path=True)
     result_log_max_mb: float = _setting(100.0, "size of it and its older files together, MB; the "
                                                "oldest are deleted", 1.0, 1e8)
     result_json: bool = _setting(False, "publish every final result on the topic result_json as "

@@ -16,15 +16,31 @@ Settings = TypeVar("Settings")
 
 def setting(default: Any, doc: str, low: float | None = None, high: float | None = None,
             choices: tuple[str, ...] = (), runtime: bool = False,
-            read: Callable[[Any], Any] | None = None) -> Any:
+            read: Callable[[Any], Any] | None = None, path: bool = False) -> Any:
     """Makes a dataclass field with its description and range.
 
     `runtime` tells whether the setting may change while its node is configured; `read` makes a
-    value of what stands in a file, where that is neither a text nor of numbers.
+    value of what stands in a file, where that is neither a text nor of numbers; `path` tells
+    whether it names a file or folder, which whoever reaches the node by the network may not.
     """
     return dataclasses.field(default=default, metadata={
         "doc": doc, "low": low, "high": high, "choices": choices, "runtime": runtime,
-        "read": read})
+        "read": read, "path": path})
+
+
+def is_inline(text: str) -> bool:
+    """Whether a setting that may name a file holds the file's text itself, in braces."""
+    return text.lstrip().startswith("{")
+
+
+def path_refusal(field: dataclasses.Field, value: Any) -> str:
+    """Says why a request may not give a setting this value; empty where it names no path."""
+    may_be_inline = field.metadata["runtime"]
+    if not field.metadata["path"] or not value or may_be_inline and is_inline(str(value)):
+        return ""
+    inline = ", or its text in braces" if may_be_inline else ""
+    return (f"{field.name} is {value!r}, a path, which no request may name; expected it where the "
+            f"node is started: in the parameter file, or as -p {field.name}:=...{inline}")
 
 
 def build_section(section: type[Settings], values: Mapping[str, Any]) -> Settings:

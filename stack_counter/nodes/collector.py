@@ -25,6 +25,7 @@ from stack_counter.nodes.scan_modes import make_session
 from stack_counter.nodes.scan_queue import QueuedScan
 from stack_counter.nodes.scan_recording import ScanRecording
 from stack_counter.parts.part_lookup import configured_part
+from stack_counter.ros.bad_requests import check_names
 from stack_counter.ros.conversions import to_posed_image
 from stack_counter.ros.diagnostics import WARN
 from stack_counter.ros.lifecycle import ManagedNode, run
@@ -158,6 +159,7 @@ class Collector(ManagedNode[CollectorConfig]):
             response.message = "the collector is not active; expected an active node"
             return response
         try:
+            check_names(scan_id=request.scan_id, part=request.part)
             self._session.check_startable()
             self._part.request(from_part_fields(request))
         except (ScanError, PartError, ConfigError) as error:

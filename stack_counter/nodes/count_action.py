@@ -17,6 +17,7 @@ from stack_counter.config import CounterConfig
 from stack_counter.errors import ConfigError, PartError
 from stack_counter.nodes.count_job import CountJob, CountJobRunner, Request
 from stack_counter.parts.part_lookup import check_names_a_part, configured_part, resolve_part
+from stack_counter.ros.bad_requests import check_names, guarded
 from stack_counter.ros.lifecycle import ManagedNode
 from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.qos import RELIABLE
@@ -38,7 +39,8 @@ class CountAction:
         self._subscription = node.create_subscription(
             ScanStatus, "scan_status", self._on_status, RELIABLE, callback_group=group)
         self._services = [
-            node.create_service(kind, name, callback, callback_group=group)
+            node.create_service(kind, name, guarded(kind, callback, node.get_logger()),
+                                callback_group=group)
             for kind, name, callback in (
                 (StartCount, "start_count", self._on_start_count),
                 (GetCount, "get_count", self._on_get_count),
@@ -123,6 +125,7 @@ class CountAction:
             return (f"{request.min_views} to {request.max_views} views; expected a maximum of 0 "
                     "(none) or at least the minimum")
         try:
+            check_names(part=request.part)
             check_names_a_part(from_part_fields(request))
             resolve_part(self._part_of(request), self.config.part_catalogue)
         except (PartError, ConfigError) as error:

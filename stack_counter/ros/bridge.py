@@ -19,6 +19,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from stack_counter.bridges.sinks import ResultSink, SinkThread
+from stack_counter.named_region import MOST_REGIONS
 from stack_counter.parameter_files import NAMESPACE
 from stack_counter.ros.qos import LATCHED_ALL, RESULT_JSON
 from stack_counter.ros.security import check_security
@@ -56,6 +57,7 @@ class Bridge:
         """
         self._sinks = sinks
         self._passed: deque[dict[str, Any]] = deque(maxlen=SETTINGS.remembered)
+        self._regions: set[str] = set()
         self._available: bool | None = None  # None: nothing was said so far
         self.node = Node("bridge", namespace=NAMESPACE, context=context)
         self.node.create_subscription(String, RESULT_JSON, self._on_result, LATCHED_ALL)
@@ -65,8 +67,15 @@ class Bridge:
     def _on_result(self, message: String) -> None:
         try:
             result = _read_result(message.data)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             self.node.get_logger().error(f"{RESULT_JSON}: {error}; expected a flat result")
+            return
+        self._regions.add(result["region"])
+        if len(self._regions) > MOST_REGIONS:  # each takes topics and nodes of the stations
+            self._regions.remove(result["region"])
+            self.node.get_logger().error(
+                f"{RESULT_JSON}: region '{result['region']}' is one of more than {MOST_REGIONS}; "
+                "expected those of the reconstructor's settings", throttle_duration_sec=5.0)
             return
         # All but the seconds that it took.
         lasting = {key: value for key, value in result.items() if not key.startswith("seconds.")}

@@ -21,17 +21,19 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
-from std_msgs.msg import Header
+from std_msgs.msg import Empty, Header
 
 from stack_counter.config import SETTING_NAMES, Section, build_section
 from stack_counter.errors import StackCounterError
 from stack_counter.named_region import REGIONS, nest
 from stack_counter.parameter_files import NAMESPACE, misspelled_names
+from stack_counter.ros.bad_requests import guarded
 from stack_counter.ros.descriptors import describe_parameter
 from stack_counter.ros.diagnostics import ERROR, OK, memory_mb, process_age_s, summarize, to_array
 from stack_counter.ros.node_arguments import fully_named
-from stack_counter.ros.qos import DIAGNOSTICS
+from stack_counter.ros.qos import DIAGNOSTICS, HEARTBEAT
 from stack_counter.ros.security import exit_if_insecure
+from stack_counter.setting_fields import path_refusal
 from stack_counter.tasks.child_processes import end_with_parent
 
 _DIAGNOSTICS_PERIOD_S = 1.0
@@ -64,6 +66,7 @@ class ManagedNode(LifecycleNode, Generic[Section]):
             self.get_logger().error(f"unknown parameter '{given}'; expected '{meant}'")
         self.add_on_set_parameters_callback(self._on_parameters)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
+        self._heartbeat = self.create_publisher(Empty, "~/heartbeat", HEARTBEAT)
         self.create_timer(_DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=self.steady)
 
     def _declare(self, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
@@ -166,6 +169,11 @@ class ManagedNode(LifecycleNode, Generic[Section]):
         """Refuses what is out of range, and what cannot change while the node is configured."""
         fields = {field.name: field for field in dataclasses.fields(self._section)}
         changes = {p.name: p.value for p in parameters if self._is_setting(p.name)}
+        before = self._parameter_values()
+        # Refuse paths: they are said by whoever starts the node, not over the network.
+        for name in [name for name, value in changes.items() if value != before.get(name)]:
+            if refused := path_refusal(fields[name.split(".")[0]], changes[name]):
+                return SetParametersResult(successful=False, reason=refused)
         # Refuse what is read on configure alone.
         fixed = [name for name in changes if not fields[name.split(".")[0]].metadata["runtime"]]
         if self._configured and fixed:
@@ -174,12 +182,14 @@ class ManagedNode(LifecycleNode, Generic[Section]):
                 "it up first"))
         # Check all settings together, then take them over.
         try:
-            before = self._parameter_values()
             config = build_section(self._section, nest({**before, **changes}))
             if self._configured and changes:
                 self.apply_runtime_config(config)
         except StackCounterError as error:
             return SetParametersResult(successful=False, reason=str(error))
+        except Exception as error:  # one bad request must not take the node down
+            self.get_logger().error(f"parameters refused:\n{traceback.format_exc()}")
+            return SetParametersResult(successful=False, reason=f"{type(error).__name__}: {error}")
         for name in changes.keys() & before.keys():
             if changes[name] != before[name]:
                 self.get_logger().info(f"parameter {name} changed from {before[name]!r} to "
@@ -189,6 +199,7 @@ class ManagedNode(LifecycleNode, Generic[Section]):
     # --- diagnostics --------------------------------------------------------------------------
 
     def _publish_diagnostics(self) -> None:
+        self._heartbeat.publish(Empty())
         lines = [(ERROR, f"{topic}: {why}") for topic, why in self._qos_mismatches.items()]
         if self.active:
             lines += self.status_lines()
@@ -250,7 +261,8 @@ class ManagedNode(LifecycleNode, Generic[Section]):
 
     def add_service(self, kind: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
         """Makes a service that cleanup destroys; while it awaits something, the node goes on."""
-        made = self.create_service(kind, name, callback, callback_group=self._service_group)
+        made = self.create_service(kind, name, guarded(kind, callback, self.get_logger()),
+                                   callback_group=self._service_group)
         self._cleanup_calls.append(lambda: self.destroy_service(made))
 
     def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:

@@ -5,7 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.duration import Duration
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 
 # Reliable everywhere: best effort loses images even on one machine.
 RELIABLE = QoSProfile(depth=100, history=HistoryPolicy.KEEP_LAST,
@@ -29,6 +36,11 @@ LATCHED_NEWEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL
 # topic that must not lose any message of it, in live mode as well.
 LATCHED_ALL = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DIAGNOSTICS = QoSProfile(depth=10)
+# Of a node's heartbeat: the middleware itself says that the process lives, also while the node
+# computes. Who subscribes with this profile is told within the lease when it does not. Chosen:
+# half of the 4 s in which a manager is to notice.
+HEARTBEAT = QoSProfile(depth=1, liveliness=LivelinessPolicy.AUTOMATIC,
+                       liveliness_lease_duration=Duration(seconds=2))
 # The topics of final counts. Both carry the same: `count` is what `result` was called, and goes
 # with the next release.
 FINAL_TOPICS = ("result", "count")

@@ -15,7 +15,6 @@ camera gave it:
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,10 @@ import numpy as np
 import yaml
 
 from stack_counter.errors import ConfigError
+from stack_counter.setting_fields import is_inline
 
+_SHOWN_LETTERS = 200  # of prompts in a message
+_FARTHEST_PX = 1e6  # a number beyond it is no pixel of an image
 # Number of coordinates in a mark.
 _COORDINATES = {"boxes": 4, "points": 2}
 _MARKS = {"parts": ("boxes", "points"), "container": ("boxes", "points"),
@@ -122,16 +124,34 @@ def read_prompts(source: str) -> Prompts:
         PromptError: there is no such file, it is not YAML, or holds an unknown key, a wrong type,
             a box without area or no part; the message names the file.
     """
-    inline = source.lstrip().startswith("{")
     try:
-        return parse_prompts(yaml.safe_load(source if inline else Path(source).read_text()))
+        text = source if is_inline(source) else Path(source).read_text()
+        return parse_prompts(_parse_plain_yaml(text))
     except FileNotFoundError as error:
         raise PromptError(f"no prompts file {source}; expected YAML or JSON") from error
-    except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
-        raise PromptError(f"prompts {source} cannot be read as YAML: "
+    except (OSError, yaml.YAMLError, ValueError, RecursionError) as error:
+        raise PromptError(f"prompts {_shortened(source)} cannot be read as YAML: "
                           f"{str(error).splitlines()[0]}") from error
     except PromptError as error:
-        raise PromptError(f"prompts {source}: {error}") from error
+        raise PromptError(f"prompts {_shortened(source)}: {error}") from error
+
+
+def _parse_plain_yaml(text: str) -> Any:
+    """Parses YAML without anchors: few letters of those can say billions of marks.
+
+    Raises:
+        PromptError: there are anchors.
+        yaml.YAMLError: it is not YAML.
+        RecursionError: it is nested too deeply.
+    """
+    if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text, yaml.SafeLoader)):
+        raise PromptError("they refer to an anchor (*); expected each mark written out")
+    return yaml.safe_load(text)
+
+
+def _shortened(text: str) -> str:
+    """Returns the start of a text, for a message."""
+    return text if len(text) <= _SHOWN_LETTERS else f"{text[:_SHOWN_LETTERS]}..."
 
 
 def _parse_marks(name: str, values: Any, count: int) -> np.ndarray:
@@ -151,4 +171,5 @@ def _parse_marks(name: str, values: Any, count: int) -> np.ndarray:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, (int, float)) and not isinstance(value, bool) \
+        and -_FARTHEST_PX < value < _FARTHEST_PX

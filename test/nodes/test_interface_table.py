@@ -14,7 +14,7 @@ from sensor_msgs.msg import CompressedImage, Image
 # Every ROS 2 node has these.
 OWN = ("rosout", "parameter_events", "transition_event", "parameters", "parameter", "state",
        "transitions", "transition_graph", "type_description", "_action")
-SETTINGS = {"collector": ("min_change", 9.0, "rig", "x"),
+SETTINGS = {"collector": ("min_change", 9.0, "part", "x"),
             "reconstructor": ("prompts", "", "min_views", 4),
             "counter": ("confidence", 0.8, "estimator", "depth_corrected")}
 
@@ -102,15 +102,19 @@ def test_states_and_parameters(ros, name):
     assert not refused.successful and "unconfigured" in refused.reason
     described = ros.call(DescribeParameters, f"{SPACE}/{name}/describe_parameters",
                          DescribeParameters.Request(names=[free, fixed])).descriptors
-    assert [d.additional_constraints for d in described] == [
-        "may change at run time", "read on configure; set it while the node is unconfigured"]
+    runtime, on_configure = (d.additional_constraints for d in described)
+    assert runtime.endswith("may change at run time")
+    assert on_configure == "read on configure; set it while the node is unconfigured"
     assert change(Transition.TRANSITION_DEACTIVATE) and state() == State.PRIMARY_STATE_INACTIVE
     ros.wait(lambda: values().get("state") == "inactive", "diagnostics that say so")
     assert change(Transition.TRANSITION_ACTIVATE) and change(Transition.TRANSITION_DEACTIVATE)
     assert change(Transition.TRANSITION_CLEANUP)
     assert state() == State.PRIMARY_STATE_UNCONFIGURED
     assert put(fixed, other).successful
-    if name == "collector":  # there is no such rig file: said, and the node stays up
+    path = put("result_log" if name == "counter" else "report_folder"
+               if name == "reconstructor" else "record_folder", "/x")
+    assert not path.successful and "which no request may name" in path.reason
+    if name == "collector":  # there is no such part: said, and the node stays up
         assert not change(Transition.TRANSITION_CONFIGURE)
         assert put(fixed, "").successful
     assert change(Transition.TRANSITION_CONFIGURE) and change(Transition.TRANSITION_ACTIVATE)

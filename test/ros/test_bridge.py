@@ -58,7 +58,7 @@ def test_each_result_is_handed_on_once_and_who_is_there_is_said(ros):
     ros.wait_for_subscribers(lost)
     ros.wait_for_subscribers(lost)
     again, failed = {**flat(600), "seconds.gamma": 0.1}, flat(None, scan_id="scan 8")
-    for text in ("no JSON", "[1]", json.dumps(flat(region="left/#")),
+    for text in ("no JSON", "[1]", "[" * 99999, json.dumps(flat(region="left/#")),
                  json.dumps({**flat(), "stamp": "today"}), json.dumps(again), json.dumps(failed)):
         lost.publish(String(data=text))
     ros.wait(lambda: len(kept.results) == 2, "the result of a lost scan")

@@ -76,3 +76,22 @@ def test_scaled_marks_stay_on_what_they_show():
     assert half.part_points.tolist() == [[0, 1]]
     assert half.part_boxes.tolist() == [[-0.5, -0.5, 1.5, 3.5]]
     assert half.container_boxes.shape == (0, 4)
+
+
+def nested_lists(levels):
+    """YAML whose lists hold the one before ten times each: 10 ** levels marks in a few lines."""
+    lists = ["a0: &a0 [1]"] + [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]"
+                               for i in range(1, levels)]
+    return "{" + ", ".join(lists) + "}"
+
+
+@pytest.mark.parametrize("text, said", [
+    (nested_lists(12), "expected each mark written out"),
+    ("{parts: " + "[" * 5000 + "]" * 5000 + "}", "cannot be read as YAML"),
+    ("{parts: {points: [[1, " + "9" * 5000 + "]]}}", "cannot be read as YAML"),
+    ("{parts: {points: [[1, " + "9" * 400 + "]]}}", "expected a list of .2 numbers."),
+    ("{parts: {points: [[2001-99-99, 2]]}}", "cannot be read as YAML")])
+def test_a_text_by_parameter_that_would_take_memory_or_end_the_node_is_refused(text, said):
+    with pytest.raises(PromptError, match=said) as caught:
+        read_prompts(text)
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 1000
