@@ -1,30 +1,68 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The SROS 2 policy grants what the interface table lists, and nothing else."""
+"""The SROS 2 policy grants what the interface table lists and nothing else; the threat model."""
 
 from pathlib import Path
 from xml.etree import ElementTree
 
+import pytest
+from kits.interface_table import table
+
 ROOT = Path(__file__).parents[1]
-# Of every lifecycle node.
-OWN = {"/parameter_events", "/clock", "/rosout", "~/transition_event"}
+NODES = ("collector", "reconstructor", "counter")
 HOW = {("topics", "subscribe"): "subscribes", ("topics", "publish"): "publishes",
        ("services", "reply"): "serves", ("services", "request"): "calls",
        ("actions", "execute"): "offers"}
+# What every lifecycle node of ROS 2 Jazzy has.
+OWN = {("subscribes", "/parameter_events"), ("subscribes", "/clock"),
+       ("publishes", "/parameter_events"), ("publishes", "/rosout"),
+       ("publishes", "~/transition_event"),
+       *(("serves", f"~/{name}") for name in (
+           "describe_parameters", "get_parameter_types", "get_parameters", "list_parameters",
+           "set_parameters", "set_parameters_atomically", "get_type_description", "change_state",
+           "get_state", "get_available_states", "get_available_transitions",
+           "get_transition_graph"))}
 
 
-def test_the_policy_grants_what_the_table_lists():
-    rows = [line.split("|")[1:4] for line in (ROOT / "docs" / "interface.md").read_text()
-            .splitlines() if line.startswith("| ") and not line.startswith("| node")]
-    listed = {tuple(cell.strip().strip("`") for cell in row) for row in rows}
-    granted = set()
-    for enclave in ElementTree.parse(ROOT / "config" / "sros2_policy.xml").iter("enclave"):
-        profile = enclave.find("profiles/profile")
-        node = profile.get("node")
-        assert enclave.get("path") == f"{profile.get('ns')}/{node}"
-        for group in profile:
-            (attribute, value), = group.attrib.items()
-            assert value == "ALLOW"
-            granted |= {(node, HOW[group.tag, attribute], item.text) for item in group
-                        if item.text not in OWN and not (group.tag == "services"
-                                                         and item.text.startswith("~/"))}
-    assert granted == listed
+def enclaves():
+    """The policy's enclaves by path."""
+    policy = ElementTree.parse(ROOT / "config" / "sros2_policy.xml").getroot()
+    return {enclave.get("path"): enclave for enclave in policy.iter("enclave")}
+
+
+def granted(node):
+    """(how, name) of all that the policy grants a node."""
+    (profile,) = enclaves()[f"/stack_counter/{node}"].findall("profiles/profile")
+    assert (profile.get("ns"), profile.get("node")) == ("/stack_counter", node)
+    grants = []
+    for group in profile:
+        (attribute, value), = group.attrib.items()
+        assert value == "ALLOW"
+        grants += [(HOW[group.tag, attribute], item.text) for item in group]
+    assert len(grants) == len(set(grants)) and not any("*" in name for _, name in grants)
+    return set(grants)
+
+
+def listed(node):
+    """(how, name) of all that the interface table lists for a node."""
+    return {(how, name) for owner, how, name, _ in table() if owner == node}
+
+
+def test_the_policy_has_an_enclave_for_each_node():
+    assert set(enclaves()) == {f"/stack_counter/{node}" for node in NODES}
+    assert {row[0] for row in table()} == set(NODES)
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_the_policy_grants_what_the_table_lists_and_what_every_node_has(node):
+    assert granted(node) - listed(node) == OWN
+    assert listed(node) - granted(node) == set()
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_the_threat_model_names_whatever_a_stranger_can_reach(node):
+    text = (ROOT / "docs" / "security.md").read_text()
+    model = text[text.index("## What a hostile participant can do"):
+                 text.index("## Three enclaves")]
+    reachable = {name for how, name in listed(node) if how in ("subscribes", "serves", "offers")
+                 and not name.startswith("/camera/")}
+    assert {name for name in reachable if f"`{name}`" not in model} == set()
