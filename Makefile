@@ -2,20 +2,27 @@
 # make setup: everything into .venv | demo: count a recorded bag twice | test: lint and tests
 # make docs: the documentation as a site, into out/docs/index.html; a warning is an error
 # make soak: many scans in a row, and every node killed in every state (some ten minutes)
+# make lock: pins of all packages with their hashes, from .venv into requirements.lock
+# make sbom: the bill of materials of .venv (CycloneDX), into out/sbom.json
+# make coverage: tests of the core, and which of its branches they take (out/coverage/index.html)
+# LOCKED=1 make setup: with the packages of requirements.lock, and no others
 # PYTHON=/path/to/python3.12 make setup: with an interpreter of your choice (3.10 to 3.13)
 
 SHELL := bash
 DEMO := .venv/bin/stack-counter replay bags/demo
+# Tests of the core, from views to the count, and of bags, which drive all of it.
+CORE := test/test_*.py $(addprefix test/,views fusion display occupancy container segmentation \
+	multiview reconstruction parts weighing tasks bag)
 # Puts this package's messages on the paths where ROS 2 is sourced; does nothing elsewhere.
 IN_VENV := source .venv/ros.bash &&
 
-.PHONY: help setup demo test lint docs soak clean
+.PHONY: help setup demo test lint docs soak lock sbom coverage clean
 
 help:
-	@sed -n '2,5s/^# //p' Makefile
+	@sed -n '2,9s/^# //p' Makefile
 
 setup:
-	@PYTHON="$(PYTHON)" bash scripts/setup.sh
+	@PYTHON="$(PYTHON)" LOCKED="$(LOCKED)" bash scripts/setup.sh
 
 demo: setup
 	@echo; echo "The demo bin, 182 flange nuts. Only the volume of one is known:"; echo
@@ -37,6 +44,21 @@ docs: setup
 
 soak: setup
 	$(IN_VENV) PYTHONPATH="test:$$PYTHONPATH" .venv/bin/python test/nodes/soak.py
+
+lock: setup
+	@bash scripts/lock.sh
+
+# Tools of their own, beside .venv: they are no part of what they look at.
+sbom: setup
+	@mkdir -p out
+	.venv/bin/uv tool run --quiet --from 'cyclonedx-bom>=7.5' cyclonedx-py environment \
+		--mc-type application --output-reproducible -o out/sbom.json .venv/bin/python
+	@echo "out/sbom.json"
+
+coverage: setup
+	$(IN_VENV) OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n 2 --dist worksteal --cov \
+		--cov-report=term:skip-covered --cov-report=html:out/coverage $(CORE)
+	@echo "out/coverage/index.html"
 
 clean:
 	rm -rf .venv build install log dist *.egg-info .pytest_cache .ruff_cache .mypy_cache out

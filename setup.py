@@ -100,6 +100,7 @@ EXTRAS = {
         "jsonschema>=4.26",
         "mypy>=2.4",
         "pytest>=9.2",
+        "pytest-cov>=7.1",
         "pytest-timeout>=2.4",
         "pytest-xdist>=3.8",
         "ruff>=0.17",

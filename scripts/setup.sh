@@ -5,6 +5,7 @@
 # Run by `make setup`. Each step is done again only when what it reads has changed. One line for
 # each step; details are in .venv/setup.log. PYTHON names an interpreter (3.10 to 3.13).
 # ROS 2 Jazzy comes from where it is sourced (ROS_DISTRO is set), else from Python wheels.
+# LOCKED=1 installs what requirements.lock pins, by hash, in place of the newest that fit.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
@@ -200,6 +201,10 @@ make_venv() {
 }
 
 install_dependencies() {  # setuptools first: it reads setup.py, and Python 3.12 comes without
+  if [[ -n ${LOCKED:-} ]]; then
+    install --require-hashes -r requirements.lock
+    return
+  fi
   install "$setuptools" wheel || return
   "$venv/bin/python" -c 'import sys, setup
 print(*setup.REQUIRES, *(line for extra in sys.argv[1:] for line in setup.EXTRAS[extra]), sep="\n")
@@ -239,7 +244,13 @@ if changed environment "$environment" || [[ ! -x $venv/bin/python ]]; then
   stamp environment "$environment"
 fi
 
-dependencies=$(key setup.py scripts/setup.sh)
+lock=
+if [[ -n ${LOCKED:-} ]]; then
+  [[ $mode == wheels ]] || fail "LOCKED=$LOCKED and ROS 2 is sourced; expected a shell without" \
+                                "it: requirements.lock has ROS 2 as wheels"
+  lock=requirements.lock
+fi
+dependencies=$(key setup.py scripts/setup.sh $lock)
 package=$(key "$dependencies" setup.cfg package.xml resource config $(compgen -G launch || true))
 if changed dependencies "$dependencies"; then
   step "dependencies (minutes and some gigabytes the first time)" install_dependencies
