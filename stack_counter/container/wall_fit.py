@@ -150,7 +150,7 @@ def _face_points_in_view(view: View, region: Region, shape: WallShape, height: f
     # Crop to the region between foot and rim.
     points = geometry.world_points(view).reshape(-1, 3)
     z = points[:, 2] - region.plane_z
-    points = points[region.contains(points) & (z > s.foot) & (z < height - s.edge)]
+    points = points[(z > s.foot) & (z < height - s.edge) & region.contains(points)]
     below = height - (points[:, 2] - region.plane_z)
     # Direction of each ray towards the wall's outside, and how far inside the rim it ends.
     ray = points - view.T_world_camera[:3, 3].astype(np.float32)
