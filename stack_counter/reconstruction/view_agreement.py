@@ -111,20 +111,19 @@ def contradicting_views(pairs: list[ViewPair], count: int) -> list[int]:
         off.append(max(wrong, key=lambda view: (medians[view], sum(shares[view]))))
 
 
-def clearly_contradicting_views(views: list[View], depth_noise_m: float, min_views: int
-                                ) -> list[int]:
+def clearly_contradicting_views(pairs: list[ViewPair], count: int, min_views: int) -> list[int]:
     """Finds the views that contradict a clear majority of others; none where that is not clear.
 
     Args:
-        views: with depth.
-        depth_noise_m: standard deviation of a depth point, m.
+        pairs: of the scan.
+        count: number of its views.
         min_views: fewest views of a scan.
 
     Returns:
         Their indices.
     """
-    off = contradicting_views(compare_views(views, depth_noise_m), len(views))
-    return off if _is_majority(len(views) - len(off), off, min_views) else []
+    off = contradicting_views(pairs, count)
+    return off if _is_majority(count - len(off), off, min_views) else []
 
 
 def _is_majority(kept: int, off: list[int], min_views: int) -> bool:
