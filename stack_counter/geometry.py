@@ -186,6 +186,18 @@ def world_points(view: View, stride: int = 1) -> np.ndarray:
     return np.moveaxis(points, 0, -1)
 
 
+def stride_for(view: View, least: int, most_points: int) -> int:
+    """Pixels from one point of a view to the next: `least`, or more for large images.
+
+    Args:
+        view: whose size is read.
+        least: pixels.
+        most_points: number of points that the view may give, about.
+    """
+    k = view.intrinsics
+    return max(least, round(float(np.sqrt(k.height * k.width / most_points))))
+
+
 def _ray_slopes(intrinsics: Intrinsics, stride: int, dtype: type[np.floating]
                 ) -> tuple[np.ndarray, np.ndarray]:
     """Slopes x / z, (1, w), and y / z, (h, 1), of the rays through every `stride`-th pixel."""

@@ -18,7 +18,8 @@ class AgreementSettings:
     """When views contradict each other.
 
     Attributes:
-        stride: pixels between the points of two views that are compared; chosen.
+        stride: least pixels between the points of two views that are compared; chosen.
+        max_points: largest number of points of a view, about; chosen.
         next_views: number of following views, in a ring, that each is compared with; chosen.
         min_shared_points: least number of points that two views must share; chosen.
         see_through_m: distance behind another view's point that one must see to contradict it,
@@ -29,6 +30,7 @@ class AgreementSettings:
     """
 
     stride: int = 8
+    max_points: int = 5000
     next_views: int = 2
     min_shared_points: int = 50
     see_through_m: float = 0.02
@@ -167,7 +169,8 @@ def name_view(view: View, index: int) -> str:
 
 def _world_cloud(view: View) -> np.ndarray:
     """(n, 3) float64 world points of every few pixels of a view, m."""
-    points = geometry.world_points(view, SETTINGS.stride).reshape(-1, 3)
+    stride = geometry.stride_for(view, SETTINGS.stride, SETTINGS.max_points)
+    points = geometry.world_points(view, stride).reshape(-1, 3)
     return points[np.isfinite(points[:, 2])].astype(float)
 
 
