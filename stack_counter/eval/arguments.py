@@ -10,6 +10,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+from stack_counter.picture_baselines.kinds import KINDS
 from stack_counter.tasks.workers import Workers
 
 
@@ -47,6 +48,17 @@ def _add_case_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
     parser.add_argument("--plot", type=Path, metavar="PNG",
                         help="draw gamma's error over the parts' complexity here")
+
+
+def _add_count_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `evaluate count`."""
+    _add_case_arguments(parser)
+    parser.add_argument("--baseline", choices=list(KINDS),
+                        help="measure this one of the paper's, which sees one colour picture of"
+                        " each scene, instead of the pipeline")
+    parser.add_argument("--baseline-weights", type=Path, nargs="+", default=[], metavar="PATH",
+                        help="what it needs: " + "; ".join(
+                            f"{name}: {', '.join(kind.needs)}" for name, kind in KINDS.items()))
 
 
 def _add_benchmark_arguments(parser: argparse.ArgumentParser) -> None:
@@ -175,7 +187,7 @@ def _add_weight_arguments(parser: argparse.ArgumentParser) -> None:
 ADD_ARGUMENTS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "acceptance": _add_acceptance_arguments,
     "gamma": _add_case_arguments,
-    "count": _add_case_arguments,
+    "count": _add_count_arguments,
     "benchmark": _add_benchmark_arguments,
     "images": _add_images_arguments,
     "labels": _add_labels_arguments,
