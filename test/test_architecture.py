@@ -45,7 +45,7 @@ LAYERS = {
     "train": ("fusion", "container", "occupancy", "picture_baselines", "parts", "reconstruction",
               "pipeline", "sim"),
     "eval": ("lean_open3d", "views", "multiview", "occupancy", "picture_baselines", "parts",
-             "reconstruction", "stack_count", "pipeline", "sim", "teaching"),
+             "reconstruction", "stack_count", "pipeline", "bag", "sim", "teaching"),
     "cli": ("*",),
 }
 FACES = {"sim", "teaching", "train"}  # of these the others import what their __init__ names

@@ -53,6 +53,24 @@ def _add_case_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_count_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `evaluate count`."""
     _add_case_arguments(parser)
+    _add_baseline_arguments(parser)
+
+
+def _add_real_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `evaluate real`."""
+    parser.add_argument("scenes", type=Path, nargs="+", metavar="SCENE",
+                        help="folder of 3DC-Real, or one like it")
+    _add_baseline_arguments(parser)
+    parser.add_argument("--exemplars", type=Path, metavar="FILE",
+                        help="YAML of boxes [x0, y0, x1, y1] around some parts by scene, pixels"
+                        " of its key view, for bmnet")
+    parser.add_argument("--pictures", type=Path, metavar="DIR",
+                        help="write each key view here, as the baseline sees it")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
+
+
+def _add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds what names one of the paper's baselines."""
     parser.add_argument("--baseline", choices=list(KINDS),
                         help="measure this one of the paper's, which sees one colour picture of"
                         " each scene, instead of the pipeline")
@@ -193,6 +211,7 @@ ADD_ARGUMENTS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "labels": _add_labels_arguments,
     "live": _add_live_arguments,
     "parts": _add_parts_arguments,
+    "real": _add_real_arguments,
     "robustness": _add_robustness_arguments,
     "surface": _add_surface_arguments,
     "template": _add_template_arguments,

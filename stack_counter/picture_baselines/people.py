@@ -39,8 +39,12 @@ class People:
                          for scene, value in document.items()}
 
     def guess(self, picture: Picture) -> list[float]:
-        """Gives the guesses for a scene; none if nobody was asked."""
-        return self._guesses.get(picture.scene, [])
+        """Gives the guesses for the picture's scene; none if nobody was asked."""
+        return self.guesses_for(picture.scene)
+
+    def guesses_for(self, scene: str) -> list[float]:
+        """Gives the guesses for a scene by its name; none if nobody was asked."""
+        return self._guesses.get(scene, [])
 
 
 def _read_guesses(path: Path, scene: object, value: object) -> list[float]:

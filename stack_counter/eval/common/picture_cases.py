@@ -57,8 +57,8 @@ def report_baseline(options: argparse.Namespace) -> int:
     if not options.baseline_weights:
         print(f"{options.set}: counts from one picture\n{format_not_run(options.baseline)}")
         return 0
+    load_once(options.baseline, tuple(options.baseline_weights))  # complains before all else
     scenes = read_filled_scenes(options.set, options.scenes)
-    load_baseline(options.baseline, options.baseline_weights)  # complains before scenes are read
     jobs = [(scene, options.baseline, tuple(options.baseline_weights), options.views)
             for scene in scenes]
     cases = [case for case in progress(map_tasks(_measure_job, jobs, Workers.of(options)),
@@ -76,7 +76,12 @@ def format_not_run(name: str) -> str:
 
 
 @cache
-def _load(name: str, paths: tuple[Path, ...]) -> PictureBaseline:
+def load_once(name: str, paths: tuple[Path, ...]) -> PictureBaseline:
+    """The baseline of `load_baseline`, kept for the scenes to come.
+
+    Raises:
+        WeightsError: as `load_baseline`.
+    """
     return load_baseline(name, paths)
 
 
@@ -87,7 +92,7 @@ def _measure_job(job: tuple) -> PictureCase | None:
 def measure_scene(scene: Scene, name: str, paths: tuple[Path, ...], views: int
                   ) -> PictureCase | None:
     """Measures one scene; None, with a line, if it is not seen or V is refused."""
-    baseline, truth = _load(name, paths), scene.truth
+    baseline, truth = load_once(name, paths), scene.truth
     try:
         picture = picture_key_view(scene, views, _SEED)
         parts_of_one = 1.0  # what the guess is multiplied with
