@@ -29,7 +29,7 @@ class BaselineKind:
 
 _NET = "a file of train.pictures"
 _DINO = "a folder with DINOv2, if it was trained upon it"
-_RENDERED = "rendered key views with the count of all parts"
+_RENDERED = "rendered key views with the number of all parts"
 
 # By the name that commands take.
 KINDS = {
@@ -44,7 +44,7 @@ KINDS = {
     "vlm": BaselineKind(
         "vision-language model", "colour of the key view, the part's name", "foreign",
         ("a folder with an image-text model",)),
-    "human": BaselineKind("Human", "what people were shown", "life",
+    "human": BaselineKind("Human", "what people were shown", "nothing",
                           ("a YAML or JSON file of scenes with guesses",)),
     "color": BaselineKind("Ours (Color)", "colour of the key view; V and v as ours has them",
                           "rendered key views with gamma", (_NET, _DINO), gives="gamma"),

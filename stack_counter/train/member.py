@@ -229,6 +229,7 @@ def measure_held_out(net: nn.Module, held_out: TrainingData, blind_share: float 
                       ) -> dict[str, float]:
     """Measures errors on families left out; `score` is the mean error of log gamma.
 
+    `nae` is the normalised absolute error of the count that they alone bring about, V being true.
     Of a network that knows the form it is the mean over the levels of knowledge; the other figures
     are with v alone known, and `mae_size` and `mae_mesh` with more. Of one that knows the
     resolution it is over surfaces as stereo on pictures shows them too, see `mae_pictures`.
@@ -258,10 +259,12 @@ def measure_held_out(net: nn.Module, held_out: TrainingData, blind_share: float 
     gamma = torch.exp(by_level[0])
     fused = torch.tensor([held_out.fused[i] for i in rows])
     mae_fused = float((gamma - true)[fused].abs().mean()) if fused.any() else 0.0
+    count = torch.tensor([float(held_out.samples[i].count) for i in rows])
+    nae = float((count * (gamma / true - 1)).abs().sum() / count.sum())
     return {"score": float(np.mean(log_errors)),
             "mae": float((gamma - true).abs().mean()),
             "r2": float(1 - ((gamma - true) ** 2).mean() / true.var(correction=0)),
-            "bias": float((gamma - true).mean()), "mae_fused": mae_fused,
+            "bias": float((gamma - true).mean()), "mae_fused": mae_fused, "nae": nae,
             **{f"mae_{level.name.lower()}": float((torch.exp(p) - true).abs().mean())
                for level, p in zip(levels[1:], by_level[1:])}, **of_pictures}
 

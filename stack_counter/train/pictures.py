@@ -179,7 +179,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--encoder", default="own", choices=("own", "dinov2", "resnet50"))
     parser.add_argument("--encoder-weights", type=Path, metavar="DIR", help="folder of DINOv2")
     parser.add_argument("--fold", type=int, default=0, help="whose families are left out")
-    parser.add_argument("--scenes", type=int, metavar="N", help="learn from the first N alone")
+    parser.add_argument("--scenes", type=int, metavar="N", help="only N of them, drawn at random")
     parser.add_argument("--epochs", type=int, default=20)
     parser.add_argument("--batch", type=int, default=16)
     parser.add_argument("--seed", type=int, default=0)
@@ -187,7 +187,9 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     samples = load_picture_samples(options.data, options.cache, Workers.of(options))
     learnt, held_out = _split(samples, options.fold)
-    learnt = learnt[:options.scenes]
+    if options.scenes:
+        chosen = np.random.default_rng([options.seed, 0x5CE]).permutation(len(learnt))
+        learnt = [learnt[i] for i in chosen[:options.scenes]]
     options.out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(options.seed)
     learner = make_learner(options.baseline, options.encoder, options.encoder_weights)
