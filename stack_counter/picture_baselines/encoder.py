@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import nn
@@ -17,7 +18,8 @@ from stack_counter.pretrained import load_pretrained
 STRIDE = 16  # pixels for a cell of the features, of `own` and `resnet50`
 _WIDTHS, _BLOCKS = (32, 64, 96, 128), (1, 2, 2, 2)  # chosen, as of the gamma-network
 # ResNet-50 up to its third stage. Source: He et al., "Deep Residual Learning" (2016).
-_RESNET50 = {"depths": [3, 4, 6], "hidden_sizes": [256, 512, 1024], "layer_type": "bottleneck"}
+_RESNET50: dict[str, Any] = {"depths": [3, 4, 6], "hidden_sizes": [256, 512, 1024],
+                             "layer_type": "bottleneck"}
 
 
 def make_encoder(name: str, folder: Path | None = None) -> tuple[nn.Module, int]:

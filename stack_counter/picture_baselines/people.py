@@ -10,6 +10,7 @@ A YAML or JSON file gives one guess or a list of them for each scene:
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -53,7 +54,7 @@ def _read_guesses(path: Path, scene: object, value: object) -> list[float]:
     Raises:
         ConfigError: one is no number above 0.
     """
-    guesses = value if isinstance(value, list) else [value]
+    guesses: list[Any] = value if isinstance(value, list) else [value]
     for guess in guesses:
         if isinstance(guess, bool) or not isinstance(guess, (int, float)) \
                 or not (np.isfinite(guess) and guess > 0):
