@@ -17,13 +17,14 @@ import numpy as np
 from stack_counter.eval.common import metrics
 from stack_counter.eval.common.case import Case, Guess
 from stack_counter.eval.common.cases import group_cases, report_cases
-from stack_counter.eval.common.picture_cases import report_baseline
+from stack_counter.eval.common.picture_cases import check_baseline_options, report_baseline
 
 _WORST_FAMILIES = 12
 
 
 def run(options: argparse.Namespace) -> int:
     """Prints and writes the figures; returns the exit code."""
+    check_baseline_options(options)
     if options.baseline:
         return report_baseline(options)
     return report_cases(

@@ -27,6 +27,7 @@ from stack_counter.eval.common import metrics
 from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.picture_cases import (
     PictureCase,
+    check_baseline_options,
     format_baseline,
     format_not_run,
     load_once,
@@ -72,7 +73,15 @@ class RealCase:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Prints and writes the figures; returns the exit code."""
+    """Prints and writes the figures; returns the exit code.
+
+    Raises:
+        BagError, ConfigError: a scene does not state its truth, or options do not go together.
+        WeightsError: the baseline cannot be loaded.
+    """
+    check_baseline_options(options)
+    if (options.exemplars or options.pictures) and not options.baseline:
+        raise ConfigError("--exemplars and --pictures are of baselines; expected --baseline too")
     scenes = [read_real_scene(folder) for folder in options.scenes]
     cases: list[RealCase] | list[PictureCase]
     if not options.baseline:

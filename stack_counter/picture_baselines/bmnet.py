@@ -32,6 +32,7 @@ from stack_counter.picture_baselines.encoder import make_encoder
 from stack_counter.picture_baselines.net_file import read_net
 from stack_counter.picture_baselines.picture import Picture, fit_square, normalized
 
+_FIRST_BIAS = -4.0  # of the density: untrained, a picture holds some twenty parts; chosen
 MAX_EXEMPLARS = 3  # Source: the data set FSC-147, by which it was published
 
 
@@ -126,6 +127,7 @@ class BMNet(nn.Module):
             nn.Upsample(scale_factor=2, mode="bilinear"),
             nn.Conv2d(width, width // 2, 3, padding=1), nn.ReLU(),
             nn.Conv2d(width // 2, 1, 1), nn.Softplus())
+        nn.init.constant_(self.density[-2].bias, _FIRST_BIAS)
 
     def similarity(self, features: torch.Tensor, exemplars: torch.Tensor) -> torch.Tensor:
         """(b, k, h, w) dynamic similarity of (b, c, h, w) features to (b, k, c) exemplars."""

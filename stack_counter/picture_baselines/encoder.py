@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Encoders of colour pictures: our own small one, ResNet-50, and the user's DINOv2."""
+"""Encoders of colour pictures: our own small one, ResNet-50, and the user's DINOv2 or ViT."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from torch import nn
 from typing_extensions import override
 
 from stack_counter.errors import WeightsError
-from stack_counter.occupancy.dino_net import patch_features
+from stack_counter.occupancy.dino_net import patch_features, picture_side
 from stack_counter.occupancy.gamma_net import ResidualBlock
 from stack_counter.pretrained import load_pretrained
 
-STRIDE = 16  # pixels for a cell of the features, of `own` and `resnet50`
+FROZEN = ("dinov2", "vit")  # encoders of the user's, which do not learn
 _WIDTHS, _BLOCKS = (32, 64, 96, 128), (1, 2, 2, 2)  # chosen, as of the gamma-network
 # ResNet-50 up to its third stage. Source: He et al., "Deep Residual Learning" (2016).
 _RESNET50: dict[str, Any] = {"depths": [3, 4, 6], "hidden_sizes": [256, 512, 1024],
@@ -23,11 +23,11 @@ _RESNET50: dict[str, Any] = {"depths": [3, 4, 6], "hidden_sizes": [256, 512, 102
 
 
 def make_encoder(name: str, folder: Path | None = None) -> tuple[nn.Module, int]:
-    """Builds an encoder, untrained but for DINOv2, and says how many channels its features have.
+    """Builds an encoder, untrained but for `FROZEN`, and says how many channels its features have.
 
     Args:
-        name: `own`, `resnet50` or `dinov2`.
-        folder: of DINOv2.
+        name: `own`, `resnet50`, or one of `FROZEN`.
+        folder: of the latter.
 
     Raises:
         WeightsError: the folder is missing or cannot be loaded, `transformers` is not installed,
@@ -37,12 +37,13 @@ def make_encoder(name: str, folder: Path | None = None) -> tuple[nn.Module, int]
         return OwnEncoder(), _WIDTHS[-1]
     if name == "resnet50":
         return ResNet50(), _RESNET50["hidden_sizes"][-1]
-    if name != "dinov2":
-        raise WeightsError(f"unknown encoder '{name}'; expected own, resnet50 or dinov2")
+    if name not in FROZEN:
+        raise WeightsError(f"unknown encoder '{name}'; expected own, resnet50, "
+                           f"{' or '.join(FROZEN)}")
     if folder is None:
-        raise WeightsError("the encoder is DINOv2 and no folder with its weights is named; "
+        raise WeightsError(f"the encoder is '{name}' and no folder with its weights is named; "
                            "expected one")
-    encoder = FrozenDino(folder)
+    encoder = FrozenEncoder(name, folder)
     return encoder, encoder.model.config.hidden_size
 
 
@@ -82,24 +83,34 @@ class ResNet50(nn.Module):
         return self.model(pictures).last_hidden_state  # (b, 1024, h / 16, w / 16)
 
 
-class FrozenDino(nn.Module):
-    """The user's DINOv2, which does not learn: (b, c, h / 14, w / 14) features."""
+class FrozenEncoder(nn.Module):
+    """The user's DINOv2 or ViT, which does not learn: features for each patch of a picture."""
 
-    def __init__(self, folder: Path):
+    def __init__(self, name: str, folder: Path):
         """Loads it.
+
+        Args:
+            name: one of `FROZEN`.
+            folder: with its weights.
 
         Raises:
             WeightsError: the folder cannot be loaded, or `transformers` is not installed.
         """
         super().__init__()
-        self.model = load_pretrained(folder, "dinov2", "Dinov2Model", "a DINOv2 model")
+        if name == "dinov2":
+            self.model = load_pretrained(folder, name, "Dinov2Model", "a DINOv2 model")
+            self.side_px = picture_side(self.model)
+        else:  # it reads pictures of the one size that it was trained with
+            self.model = load_pretrained(folder, name, "ViTModel", "a ViT model",
+                                         add_pooling_layer=False)
+            self.side_px = self.model.config.image_size
         self.model.requires_grad_(False)
 
     @override
-    def train(self, mode: bool = True) -> FrozenDino:
+    def train(self, mode: bool = True) -> FrozenEncoder:
         return super().train(False)
 
     @override
     def forward(self, pictures: torch.Tensor) -> torch.Tensor:
         with torch.no_grad():
-            return patch_features(self.model, pictures)
+            return patch_features(self.model, pictures)  # (b, c, side / patch, side / patch)

@@ -28,12 +28,12 @@ class BaselineKind:
 
 
 _NET = "a file of train.pictures"
-_DINO = "a folder with DINOv2, if it was trained upon it"
+_ENCODER = "a folder with DINOv2 or ViT, if it was trained upon it"
 _RENDERED = "rendered key views with the number of all parts"
 
 # By the name that commands take.
 KINDS = {
-    "vit_h": BaselineKind("ViT+H", "colour of the key view", _RENDERED, (_NET, _DINO)),
+    "vit_h": BaselineKind("ViT+H", "colour of the key view", _RENDERED, (_NET, _ENCODER)),
     "bmnet": BaselineKind(
         "BMNet+", "colour of the key view, boxes around three parts that show",
         "rendered key views with the places of the visible parts, or FSC-147 (the user's file)",
@@ -47,5 +47,5 @@ KINDS = {
     "human": BaselineKind("Human", "what people were shown", "nothing",
                           ("a YAML or JSON file of scenes with guesses",)),
     "color": BaselineKind("Ours (Color)", "colour of the key view; V and v as ours has them",
-                          "rendered key views with gamma", (_NET, _DINO), gives="gamma"),
+                          "rendered key views with gamma", (_NET, _ENCODER), gives="gamma"),
 }

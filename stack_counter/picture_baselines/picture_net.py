@@ -18,8 +18,8 @@ from torch import nn
 from torch.nn import functional
 from typing_extensions import override
 
-from stack_counter.occupancy.dino_net import picture_side, scalar_decoder
-from stack_counter.picture_baselines.encoder import FrozenDino, make_encoder
+from stack_counter.occupancy.dino_net import scalar_decoder
+from stack_counter.picture_baselines.encoder import FROZEN, FrozenEncoder, make_encoder
 from stack_counter.picture_baselines.net_file import read_net, save_net
 from stack_counter.picture_baselines.picture import Picture, fit_square, normalized
 
@@ -32,10 +32,10 @@ class PictureNetConfig:
     """Architecture of a network, stored with its weights.
 
     Attributes:
-        encoder: `own` or `dinov2`.
+        encoder: `own`, `resnet50`, `dinov2` or `vit`.
         gives: `count` or `gamma`.
-        side_px: side of the square that pictures are scaled to, for the own encoder; DINOv2 sees
-            what the paper shows it.
+        side_px: side of the square that pictures are scaled to, for the first two; the others see
+            what they were trained with.
     """
 
     encoder: str = "own"
@@ -46,17 +46,17 @@ class PictureNetConfig:
 class PictureNet(nn.Module):
     """Reads (b, 3, side, side) normalised pictures and gives (b,) logs."""
 
-    def __init__(self, config: PictureNetConfig, dino: Path | None = None):
-        """Builds it; of DINOv2 the weights come from the user's folder.
+    def __init__(self, config: PictureNetConfig, folder: Path | None = None):
+        """Builds it; a frozen encoder comes from the user's folder.
 
         Raises:
             WeightsError: the encoder cannot be loaded.
         """
         super().__init__()
         self.config = config
-        self.encoder, width = make_encoder(config.encoder, dino)
+        self.encoder, width = make_encoder(config.encoder, folder)
         self.decoder = nn.Sequential(*scalar_decoder(width))
-        self.side_px = picture_side(self.encoder.model) if isinstance(self.encoder, FrozenDino) \
+        self.side_px = self.encoder.side_px if isinstance(self.encoder, FrozenEncoder) \
             else config.side_px
         self._offset = float(np.log(_TYPICAL[config.gives]))
 
@@ -72,19 +72,19 @@ class PictureNet(nn.Module):
 class PictureNetBaseline:
     """A trained `PictureNet`."""
 
-    def __init__(self, name: str, path: Path, dino: Path | None = None):
+    def __init__(self, name: str, path: Path, folder: Path | None = None):
         """Loads the network.
 
         Args:
             name: `vit_h` or `color`.
             path: file of `train.pictures`.
-            dino: the user's folder, if the network was trained upon it.
+            folder: of the user's encoder, if the network was trained upon it.
 
         Raises:
             WeightsError: a file or folder cannot be loaded, or is another baseline's.
         """
         self._net = read_net(path, name, lambda config: PictureNet(
-            PictureNetConfig(**config), dino))
+            PictureNetConfig(**config), folder))
 
     def guess(self, picture: Picture) -> list[float]:
         """Gives the number of parts, or gamma."""
@@ -95,4 +95,4 @@ class PictureNetBaseline:
 
 def save_picture_net(path: Path, name: str, net: PictureNet, facts: dict[str, str]) -> None:
     """Writes a network, without a frozen encoder."""
-    save_net(path, name, net, facts, without="encoder." if net.config.encoder == "dinov2" else "")
+    save_net(path, name, net, facts, without="encoder." if net.config.encoder in FROZEN else "")

@@ -34,8 +34,10 @@ class VisionLanguage:
             WeightsError: the folder is missing, damaged or of another model, has no chat template,
                 or `transformers` is not installed.
         """
+        # On an accelerator where torch finds one: such models are large.
+        device = torch.accelerator.current_accelerator(check_available=True) or "cpu"
         self._model = load_pretrained(folder, None, "AutoModelForImageTextToText",
-                                      "an image-text model")
+                                      "an image-text model").to(device)
         self._processor = load_processor(folder, "AutoProcessor", "an image-text model")
         if not getattr(self._processor, "chat_template", None):
             raise WeightsError(f"{folder} has no chat template; expected chat_template.jinja")
@@ -51,7 +53,8 @@ class VisionLanguage:
         text = self._processor.apply_chat_template(
             [{"role": "user", "content": [{"type": "image"}, {"type": "text", "text": question}]}],
             add_generation_prompt=True)
-        inputs = self._processor(images=[picture.color], text=[text], return_tensors="pt")
+        inputs = self._processor(images=[picture.color], text=[text], return_tensors="pt").to(
+            self._model.device, self._model.dtype)
         with torch.inference_mode():
             tokens = self._model.generate(**inputs, max_new_tokens=_MAX_NEW_TOKENS,
                                           do_sample=False)

@@ -10,7 +10,8 @@ from typing import Any
 from stack_counter.errors import WeightsError
 
 
-def load_pretrained(folder: Path, model_type: str | None, architecture: str, what: str) -> Any:
+def load_pretrained(folder: Path, model_type: str | None, architecture: str, what: str,
+                    **settings: Any) -> Any:
     """Loads a model of `transformers`, in evaluation mode.
 
     Args:
@@ -18,6 +19,7 @@ def load_pretrained(folder: Path, model_type: str | None, architecture: str, wha
         model_type: that `config.json` must name; None: any that the architecture takes.
         architecture: class of `transformers`.
         what: the model's name in messages.
+        **settings: of the architecture, beside those in `config.json`.
 
     Raises:
         WeightsError: folder or safetensors are missing, damaged, of another model or incomplete;
@@ -29,7 +31,8 @@ def load_pretrained(folder: Path, model_type: str | None, architecture: str, wha
     transformers = _import_transformers(what)
     try:
         model, report = getattr(transformers, architecture).from_pretrained(
-            folder, local_files_only=True, use_safetensors=True, output_loading_info=True)
+            folder, local_files_only=True, use_safetensors=True, output_loading_info=True,
+            **settings)
     except Exception as error:  # a library's choice: OSError, ValueError, its own
         raise WeightsError(f"{folder} cannot be loaded as {what}: "
                            f"{str(error).splitlines()[0]}") from error

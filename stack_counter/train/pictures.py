@@ -4,8 +4,8 @@
     python -m stack_counter.train.pictures vit_h --data data/train-deep --out out/pictures
 
 The families of one fold are left out; every epoch is evaluated on them, the best one is kept, and
-a run that was ended goes on where it was. `--encoder dinov2 --encoder-weights DIR` takes the
-user's frozen DINOv2 for our own small encoder, `--encoder resnet50` the one of BMNet+.
+a run that was ended goes on where it was. `--encoder dinov2 --encoder-weights DIR` (or `vit`)
+takes the user's frozen encoder for our own small one, `--encoder resnet50` the one of BMNet+.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from torch import nn
 from stack_counter.errors import ConfigError
 from stack_counter.picture_baselines import KINDS
 from stack_counter.picture_baselines.bmnet import BMNet, BMNetConfig
+from stack_counter.picture_baselines.encoder import FROZEN
 from stack_counter.picture_baselines.net_file import save_net
 from stack_counter.picture_baselines.picture_net import (
     PictureNet,
@@ -71,9 +72,13 @@ def make_learner(name: str, encoder: str, encoder_folder: Path | None) -> _Learn
     """Makes the untrained network of a baseline and what it learns by.
 
     Raises:
+        ConfigError: the baseline has no such encoder.
         WeightsError: the encoder cannot be loaded.
     """
     if name == "bmnet":
+        if encoder in FROZEN:
+            raise ConfigError(f"--encoder {encoder}: bmnet learns its features; expected own or "
+                              "resnet50")
         config = BMNetConfig(encoder=encoder, side_px=SIDE_PX)
         return _Learner(BMNet(config), partial(make_density_batch, config=config),
                         _density_logs, lambda path, net, facts: save_net(path, name, net, facts))
@@ -176,8 +181,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--cache", type=Path, default=Path("out/pictures-cache"), metavar="DIR",
                         help="rendered pictures are kept here")
-    parser.add_argument("--encoder", default="own", choices=("own", "dinov2", "resnet50"))
-    parser.add_argument("--encoder-weights", type=Path, metavar="DIR", help="folder of DINOv2")
+    parser.add_argument("--encoder", default="own", choices=("own", "resnet50", *FROZEN))
+    parser.add_argument("--encoder-weights", type=Path, metavar="DIR",
+                        help="your folder of DINOv2 or ViT")
     parser.add_argument("--fold", type=int, default=0, help="whose families are left out")
     parser.add_argument("--scenes", type=int, metavar="N", help="only N of them, drawn at random")
     parser.add_argument("--epochs", type=int, default=20)

@@ -64,6 +64,12 @@ def test_counts_are_told(scene, monkeypatch, capsys):
     assert "hex_nut2: 90 [70, 110] for 100 (-10.0%), gamma 0.500, V 360 cm3, ok" in printed
 
 
+@pytest.mark.parametrize("options", [["--pictures", "x"], ["--baseline-weights", "x"]])
+def test_options_of_baselines_need_one(scene, options, capsys):
+    assert main(["evaluate", "real", str(scene), *options]) == 2
+    assert "--baseline" in capsys.readouterr().err
+
+
 def test_people_are_those_of_the_scene_or_of_a_file(scene, tmp_path, capsys):
     assert main(["evaluate", "real", str(scene), "--baseline", "human"]) == 0
     each, together = capsys.readouterr().out.splitlines()[3:]

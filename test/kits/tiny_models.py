@@ -21,6 +21,15 @@ def save_dino(folder, hidden=24):
     return folder
 
 
+def save_vit(folder):
+    """A ViT of one layer, as it was trained to classify: without a pooling layer."""
+    torch.manual_seed(0)
+    transformers.ViTForImageClassification(transformers.ViTConfig(
+        hidden_size=24, num_hidden_layers=1, num_attention_heads=2, patch_size=16, image_size=64,
+        intermediate_size=16)).save_pretrained(folder)
+    return folder
+
+
 def save_sam2(folder):
     """A SAM 2 video model of 64 pixels, whose files hold the one for pictures."""
     torch.manual_seed(0)

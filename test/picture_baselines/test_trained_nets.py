@@ -55,20 +55,62 @@ def test_a_network_comes_back_from_its_file(tmp_path, picture, name, gives, lowe
         load_baseline(name, [tmp_path / "none"])
 
 
-def test_upon_dinov2_the_decoder_alone_is_written(tmp_path, picture):
-    pytest.importorskip("transformers", reason="DINOv2 needs the extra models")
-    from kits.tiny_models import save_dino
+@pytest.mark.parametrize("name, side", [("dinov2", 448), ("vit", 64)])
+def test_upon_a_frozen_encoder_the_decoder_alone_is_written(tmp_path, picture, name, side):
+    pytest.importorskip("transformers", reason="encoders need the extra models")
+    from kits.tiny_models import save_dino, save_vit
 
-    dino, path = save_dino(tmp_path / "dino"), tmp_path / "n.safetensors"
+    folder = {"dinov2": save_dino, "vit": save_vit}[name](tmp_path / name)
+    path = tmp_path / "n.safetensors"
     torch.manual_seed(0)
-    net = PictureNet(PictureNetConfig("dinov2"), dino)
-    assert net.side_px == 448 and not net.train().encoder.model.training
-    save_picture_net(path, "vit_h", net, {})
+    net = PictureNet(PictureNetConfig(name), folder)
+    assert net.side_px == side and not net.train().encoder.model.training
+    before = {k: v.clone() for k, v in net.encoder.state_dict().items()}
+    losses = learn(net, 3, torch.randn(2, 3, side, side), torch.log(torch.tensor([20.0, 200.0])))
+    assert losses[-1] < losses[0]
+    assert all(torch.equal(before[k], v) for k, v in net.encoder.state_dict().items())
+    save_picture_net(path, "vit_h", net.eval(), {})
     assert path.stat().st_size < 5 * sum(p.numel() for p in net.decoder.parameters())
-    (guess,) = load_baseline("vit_h", [path, dino]).guess(picture)
-    assert guess == pytest.approx(load_baseline("vit_h", [path, dino]).guess(picture)[0])
+    (guess,) = load_baseline("vit_h", [path, folder]).guess(picture)
+    assert load_baseline("vit_h", [path, folder]).guess(picture) == [guess]
     with pytest.raises(WeightsError, match="no folder with its weights is named"):
         load_baseline("vit_h", [path])
+
+
+def learn(net, steps, *batch):
+    """Losses of a network that learns one batch again and again."""
+    optimizer = torch.optim.Adam([p for p in net.parameters() if p.requires_grad], 1e-3)
+    losses = []
+    for _ in range(steps):
+        loss = net.loss(*batch)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(float(loss.detach()))
+    return losses
+
+
+def test_a_picture_net_learns_what_it_is_shown():
+    torch.manual_seed(0)
+    net = PictureNet(PictureNetConfig(side_px=64)).train()
+    pictures = torch.randn(4, 3, 64, 64) * torch.tensor([0.2, 0.5, 1, 2])[:, None, None, None]
+    losses = learn(net, 15, pictures, torch.log(torch.tensor([20.0, 50, 100, 300])))
+    assert losses[-1] < 0.3 * losses[0]
+
+
+def test_bmnet_learns_where_parts_are():
+    torch.manual_seed(0)
+    net = BMNet(SMALL).train()
+    pictures, density = torch.zeros(2, 3, 64, 64), torch.zeros(2, 8, 8)
+    for i, places in enumerate([[(1, 1), (5, 3)], [(2, 6), (4, 4), (6, 1)]]):
+        for row, col in places:
+            pictures[i, :, 8 * row:8 * row + 8, 8 * col:8 * col + 8] = 2.0
+            density[i, row, col] = 1.0
+    patches, scales = torch.full((2, 1, 3, 32, 32), 2.0), torch.full((2, 1), 5)
+    losses = learn(net, 25, pictures, patches, scales, density)
+    assert losses[-1] < 0.7 * losses[0]
+    # It has begun to use the similarity and the attention.
+    assert float(net.attention.gain.detach()) != 0
 
 
 def test_a_file_that_is_not_whole_is_refused(tmp_path):

@@ -15,13 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from stack_counter.errors import ScanError, ViewError
+from stack_counter.errors import ConfigError, ScanError, ViewError
 from stack_counter.eval.common import metrics
+from stack_counter.eval.common.cases import measure_volume
 from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.picture_baselines import KINDS, load_baseline
 from stack_counter.picture_baselines.picture import Picture, PictureBaseline
-from stack_counter.sim import KeyPicture, Scene, SceneError, picture_key_view, reconstruct
+from stack_counter.sim import KeyPicture, Scene, SceneError, picture_key_view
 from stack_counter.tasks.progress import progress
 from stack_counter.tasks.workers import Workers, map_tasks
 
@@ -52,15 +53,33 @@ class PictureCase:
     seconds: float
 
 
+def check_baseline_options(options: argparse.Namespace) -> None:
+    """Refuses weights of a baseline that is not named.
+
+    Raises:
+        ConfigError: there are such.
+    """
+    if options.baseline_weights and not options.baseline:
+        raise ConfigError("--baseline-weights without --baseline; expected one of "
+                          f"{', '.join(KINDS)}")
+
+
 def report_baseline(options: argparse.Namespace) -> int:
-    """Measures one baseline, prints its rows and writes its cases; returns the exit code."""
+    """Measures one baseline, prints its rows and writes its cases; returns the exit code.
+
+    Raises:
+        ConfigError: an option that is the pipeline's alone is given.
+    """
+    if options.weights or options.plot:
+        raise ConfigError("--weights and --plot are the pipeline's; expected neither with "
+                          f"--baseline {options.baseline}")
     if not options.baseline_weights:
         print(f"{options.set}: counts from one picture\n{format_not_run(options.baseline)}")
         return 0
     load_once(options.baseline, tuple(options.baseline_weights))  # complains before all else
     scenes = read_filled_scenes(options.set, options.scenes)
-    jobs = [(scene, options.baseline, tuple(options.baseline_weights), options.views)
-            for scene in scenes]
+    jobs = [(scene, options.baseline, tuple(options.baseline_weights), options.views,
+             options.depth) for scene in scenes]
     cases = [case for case in progress(map_tasks(_measure_job, jobs, Workers.of(options)),
                                        "pictures", "scenes", len(jobs)) if case]
     print(f"{options.set}: counts from one picture of {len(cases)} of {len(jobs)} scenes")
@@ -89,15 +108,18 @@ def _measure_job(job: tuple) -> PictureCase | None:
     return measure_scene(*job)
 
 
-def measure_scene(scene: Scene, name: str, paths: tuple[Path, ...], views: int
+def measure_scene(scene: Scene, name: str, paths: tuple[Path, ...], views: int, depth: str
                   ) -> PictureCase | None:
-    """Measures one scene; None, with a line, if it is not seen or V is refused."""
+    """Measures one scene; None, with a line, if it is not seen or V is refused.
+
+    V, which gamma is multiplied with, is measured as `depth` of the command says.
+    """
     baseline, truth = load_once(name, paths), scene.truth
     try:
         picture = picture_key_view(scene, views, _SEED)
         parts_of_one = 1.0  # what the guess is multiplied with
         if KINDS[name].gives == "gamma":
-            parts_of_one = reconstruct(scene, _SEED, views).stack_volume / truth.unit_volume
+            parts_of_one = measure_volume(scene, depth, views).stack_volume / truth.unit_volume
     except (SceneError, ScanError, ViewError) as refused:
         print(f"scene {scene.index}: {refused}")
         return None

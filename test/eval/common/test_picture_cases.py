@@ -72,7 +72,8 @@ def test_the_command_prints_and_writes(tmp_path, capsys, monkeypatch, name, give
     net = PictureNet(PictureNetConfig(gives=gives, side_px=64)).eval()
     save_picture_net(path, name, net, {})
     if gives == "gamma":  # V is the pipeline's, which has tests of its own
-        monkeypatch.setattr(picture_cases, "reconstruct", lambda scene, seed, views: scene.truth)
+        monkeypatch.setattr(picture_cases, "measure_volume",
+                            lambda scene, depth, views: scene.truth)
     assert main(["evaluate", "count", "--set", SET, "--scenes", "2", "--baseline", name,
                  "--baseline-weights", str(path), "--json", str(out)]) == 0
     printed = capsys.readouterr().out
@@ -81,6 +82,14 @@ def test_the_command_prints_and_writes(tmp_path, capsys, monkeypatch, name, give
     cases = json.loads(out.read_text())
     assert [c["scene"] for c in cases] == ["0", "1"]
     assert all(0 < c["visible"] <= c["count"] and len(c["guesses"]) == 1 for c in cases)
+
+
+@pytest.mark.parametrize("options, said", [
+    (["--baseline", "vlm", "--plot", "x.png"], "--plot are the pipeline's"),
+    (["--baseline-weights", "x"], "--baseline-weights without --baseline")])
+def test_options_that_would_have_no_effect_are_refused(options, said, capsys):
+    assert main(["evaluate", "count", "--set", SET, *options]) == 2
+    assert said in capsys.readouterr().err
 
 
 def test_people_are_asked_by_the_scenes_number(tmp_path, capsys):
