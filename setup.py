@@ -74,8 +74,9 @@ EXTRAS = {
     ],
     # Trained networks as graphs for ONNX Runtime (no keys).
     "train": ["onnx>=1.23.2", "onnxscript>=0.7.2"],
-    # SAM 2, DINOv2 and Depth Anything V2; the weights are the user's own.
-    "models": ["transformers>=5.24; python_version >= '3.11'"],
+    # SAM 2, DINOv2, Depth Anything V2, CLIP and image-text models; the weights are the user's own.
+    # Processors of the last take pillow.
+    "models": ["transformers>=5.24; python_version >= '3.11'", "pillow>=12.3"],
     # URDF of a robot that is left out of depth (no key).
     "robot": ["yourdfpy>=0.0.60"],
     # Live topics in the Foxglove app (no key).

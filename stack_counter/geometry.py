@@ -155,7 +155,7 @@ def project_into(view: View, points: np.ndarray, dtype: type[np.floating] = np.f
 def pixel_rays(intrinsics: Intrinsics, stride: int = 1, dtype: type[np.floating] = np.float32
                ) -> np.ndarray:
     """(h, w, 3) optical-frame rays through every `stride`-th pixel, of length 1 along z."""
-    x, y = _ray_slopes(intrinsics, stride, dtype)
+    x, y = np.broadcast_arrays(*_ray_slopes(intrinsics, stride, dtype))
     return np.stack([x, y, np.ones_like(x)], axis=-1)
 
 
@@ -174,16 +174,36 @@ def world_points(view: View, stride: int = 1) -> np.ndarray:
     """
     if view.depth is None:
         raise ViewError("no_depth", "the view has no depth image; expected one")
-    depth = np.where(view.depth > 0, view.depth, np.float32(np.nan))
-    return apply(view.T_world_camera.astype(np.float32),
-                 unproject(depth, view.intrinsics, stride))
+    depth = view.depth[::stride, ::stride]
+    z = np.where(depth > 0, depth, np.float32(np.nan))
+    x, y = _ray_slopes(view.intrinsics, stride, np.float32)
+    T = view.T_world_camera.astype(np.float32)
+    # Axis by axis, each in one piece of memory: several times faster than all at once.
+    points = np.empty((3, *z.shape), np.float32)
+    for axis, (along_x, along_y, along_z, shift) in zip(points, T[:3]):
+        np.multiply(along_x * x + (along_y * y + along_z), z, out=axis)
+        axis += shift
+    return np.moveaxis(points, 0, -1)
+
+
+def stride_for(view: View, least: int, most_points: int) -> int:
+    """Pixels from one point of a view to the next: `least`, or more for large images.
+
+    Args:
+        view: whose size is read.
+        least: pixels.
+        most_points: number of points that the view may give, about.
+    """
+    k = view.intrinsics
+    return max(least, round(float(np.sqrt(k.height * k.width / most_points))))
 
 
 def _ray_slopes(intrinsics: Intrinsics, stride: int, dtype: type[np.floating]
                 ) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes x / z and y / z, (h, w) each, of the rays through every `stride`-th pixel."""
+    """Slopes x / z, (1, w), and y / z, (h, 1), of the rays through every `stride`-th pixel."""
     k = intrinsics
-    v, u = np.mgrid[:k.height:stride, :k.width:stride].astype(dtype)
+    u = np.arange(0, k.width, stride).astype(dtype)[None]
+    v = np.arange(0, k.height, stride).astype(dtype)[:, None]
     return (u - dtype(k.cx)) / dtype(k.fx), (v - dtype(k.cy)) / dtype(k.fy)
 
 

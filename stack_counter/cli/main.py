@@ -41,6 +41,7 @@ _INTERRUPTED = 130
 _EVALUATIONS = {
     "gamma": "of gamma, beside the baselines",
     "count": "of the whole count and its interval",
+    "real": "of counts of real scenes that somebody has counted",
     "live": "of the running count while parts are taken out",
     "robustness": "of counts of scans made hard on purpose: right, honest or wrong without a word",
     "parts": "of counts where the part's CAD file or a counted bin is known",

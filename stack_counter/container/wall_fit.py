@@ -29,6 +29,8 @@ class WallFitSettings:
     Attributes:
         max_views: largest number of views used, evenly spread over the scan.
         max_points: largest number of points in the fit, evenly chosen.
+        max_view_points: largest number of points of a view that may lie on a wall, evenly
+            chosen.
         edge: strip below the rim whose points are of neither face, m.
         reach: distance from where a face is expected within which points may be its, m.
         noise_reach: the same in standard deviations of a depth point.
@@ -52,6 +54,7 @@ class WallFitSettings:
 
     max_views: int = 24
     max_points: int = 60_000
+    max_view_points: int = 10_000
     edge: float = 0.003
     reach: float = 0.0025
     noise_reach: float = 1.5
@@ -150,7 +153,8 @@ def _face_points_in_view(view: View, region: Region, shape: WallShape, height: f
     # Crop to the region between foot and rim.
     points = geometry.world_points(view).reshape(-1, 3)
     z = points[:, 2] - region.plane_z
-    points = points[region.contains(points) & (z > s.foot) & (z < height - s.edge)]
+    points = points[(z > s.foot) & (z < height - s.edge) & region.contains(points)]
+    points = points[::len(points) // s.max_view_points + 1]
     below = height - (points[:, 2] - region.plane_z)
     # Direction of each ray towards the wall's outside, and how far inside the rim it ends.
     ray = points - view.T_world_camera[:3, 3].astype(np.float32)

@@ -102,23 +102,21 @@ class BoxWall(WallShape):
     def yaw(self) -> float:
         return float(self.params[2])
 
-    def _depth_inside_sides(self, xy: np.ndarray) -> np.ndarray:
-        """(n, 4) metres that points lie inside the rim's sides -x, +x, -y, +y."""
-        x, y = ((xy - self.params[:2]) @ rotation_2d(self.params[2])).T
-        a, b = self.params[3:5] / 2
-        return np.stack([a + x, a - x, b + y, b - y], axis=1)
+    def _in_own_axes(self, xy: np.ndarray) -> np.ndarray:
+        """(2, n) x and y of points along the rim's sides, from its middle, metres."""
+        return ((xy - self.params[:2]) @ rotation_2d(self.params[2])).T
 
     @override
     def depth_inside(self, xy: np.ndarray, below: np.ndarray) -> np.ndarray:
-        at_rim = self._depth_inside_sides(xy)
-        if not self.extra_draft_y:
-            return at_rim.min(axis=1) - self.params[5] * below
-        return (at_rim - below[:, None] * self._drafts().repeat(2)).min(axis=1)
+        (x, y), (a, b), drafts = self._in_own_axes(xy), self.params[3:5] / 2, self._drafts()
+        return np.minimum(a - np.abs(x) - drafts[0] * below, b - np.abs(y) - drafts[1] * below)
 
     @override
     def outward_normals(self, xy: np.ndarray) -> np.ndarray:
+        (x, y), (a, b) = self._in_own_axes(xy), self.params[3:5] / 2
+        beside_x = a - np.abs(x) <= b - np.abs(y)
         normals = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]]) @ rotation_2d(self.params[2]).T
-        return normals[self._depth_inside_sides(xy).argmin(axis=1)]
+        return normals[np.where(beside_x, x > 0, 2 + (y > 0))]
 
     @override
     def ring(self, below: float, inwards: float) -> np.ndarray:

@@ -10,6 +10,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+from stack_counter.picture_baselines.kinds import KINDS
 from stack_counter.tasks.workers import Workers
 
 
@@ -47,6 +48,35 @@ def _add_case_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
     parser.add_argument("--plot", type=Path, metavar="PNG",
                         help="draw gamma's error over the parts' complexity here")
+
+
+def _add_count_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `evaluate count`."""
+    _add_case_arguments(parser)
+    _add_baseline_arguments(parser)
+
+
+def _add_real_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `evaluate real`."""
+    parser.add_argument("scenes", type=Path, nargs="+", metavar="SCENE",
+                        help="folder of 3DC-Real, or one like it")
+    _add_baseline_arguments(parser)
+    parser.add_argument("--exemplars", type=Path, metavar="FILE",
+                        help="YAML of boxes [x0, y0, x1, y1] around some parts by scene, pixels"
+                        " of its key view, for bmnet")
+    parser.add_argument("--pictures", type=Path, metavar="DIR",
+                        help="write each key view here, as the baseline sees it")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
+
+
+def _add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds what names one of the paper's baselines."""
+    parser.add_argument("--baseline", choices=list(KINDS),
+                        help="measure this one of the paper's, which sees one colour picture of"
+                        " each scene, instead of the pipeline")
+    parser.add_argument("--baseline-weights", type=Path, nargs="+", default=[], metavar="PATH",
+                        help="what it needs: " + "; ".join(
+                            f"{name}: {', '.join(kind.needs)}" for name, kind in KINDS.items()))
 
 
 def _add_benchmark_arguments(parser: argparse.ArgumentParser) -> None:
@@ -175,12 +205,13 @@ def _add_weight_arguments(parser: argparse.ArgumentParser) -> None:
 ADD_ARGUMENTS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "acceptance": _add_acceptance_arguments,
     "gamma": _add_case_arguments,
-    "count": _add_case_arguments,
+    "count": _add_count_arguments,
     "benchmark": _add_benchmark_arguments,
     "images": _add_images_arguments,
     "labels": _add_labels_arguments,
     "live": _add_live_arguments,
     "parts": _add_parts_arguments,
+    "real": _add_real_arguments,
     "robustness": _add_robustness_arguments,
     "surface": _add_surface_arguments,
     "template": _add_template_arguments,

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well the whole pipeline counts, and what its interval is worth.
 
-stack-counter evaluate count --set unseen
+    stack-counter evaluate count --set unseen
+    stack-counter evaluate count --set unseen --baseline vit_h --baseline-weights FILE
+
+The second measures one of the paper's baselines, which counts from one colour picture.
 """
 
 from __future__ import annotations
@@ -14,12 +17,16 @@ import numpy as np
 from stack_counter.eval.common import metrics
 from stack_counter.eval.common.case import Case, Guess
 from stack_counter.eval.common.cases import group_cases, report_cases
+from stack_counter.eval.common.picture_cases import check_baseline_options, report_baseline
 
 _WORST_FAMILIES = 12
 
 
 def run(options: argparse.Namespace) -> int:
     """Prints and writes the figures; returns the exit code."""
+    check_baseline_options(options)
+    if options.baseline:
+        return report_baseline(options)
     return report_cases(
         options, f"count, {options.views} views, interval of {options.confidence}", format_table)
 

@@ -38,15 +38,8 @@ class DinoNet(nn.Module):
         super().__init__()
         self.encoder = load_pretrained(folder, "dinov2", "Dinov2Model", "a DINOv2 model")
         self.encoder.requires_grad_(False)
-        config = self.encoder.config
-        self._patches = _SIDE_PX // config.patch_size
-        layers: list[nn.Module] = []
-        width_in = config.hidden_size
-        for width in _WIDTHS:
-            layers += [nn.Conv2d(width_in, width, 3, 2, 1), nn.ReLU()]
-            width_in = width
-        self.decoder = nn.Sequential(*layers, nn.AdaptiveAvgPool2d(1), nn.Flatten(),
-                                     nn.Linear(width_in, 1), nn.Sigmoid())
+        self.decoder = nn.Sequential(*scalar_decoder(self.encoder.config.hidden_size),
+                                     nn.Sigmoid())
 
     @override
     def train(self, mode: bool = True) -> DinoNet:
@@ -57,10 +50,8 @@ class DinoNet(nn.Module):
     def gamma(self, x: torch.Tensor) -> torch.Tensor:
         """Estimates gamma, (b,), of (b, CHANNELS, h, w) network inputs."""
         with torch.no_grad():
-            pictures = heights_as_pictures(x, self._patches * self.encoder.config.patch_size)
-            tokens = self.encoder(pixel_values=pictures).last_hidden_state  # (b, 1 + n * n, c)
-            n = self._patches
-            features = tokens[:, -n * n:].transpose(1, 2).unflatten(2, (n, n))  # (b, c, n, n)
+            features = patch_features(self.encoder, heights_as_pictures(x, picture_side(
+                self.encoder)))
         return self.decoder(features)[:, 0]
 
     @override
@@ -80,6 +71,28 @@ class DinoNet(nn.Module):
             **_: settings of `GammaNet.loss`, without effect here.
         """
         return functional.mse_loss(self.gamma(x).float(), torch.exp(y[:, 0]))
+
+
+def scalar_decoder(width_in: int) -> list[nn.Module]:
+    """Layers of the paper's decoder: (b, width_in, n, n) features become (b, 1)."""
+    layers: list[nn.Module] = []
+    for width in _WIDTHS:
+        layers += [nn.Conv2d(width_in, width, 3, 2, 1), nn.ReLU()]
+        width_in = width
+    return [*layers, nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Linear(width_in, 1)]
+
+
+def picture_side(encoder: nn.Module) -> int:
+    """Side of the pictures that the paper shows a DINOv2 encoder, pixels: whole patches."""
+    patch: int = encoder.config.patch_size
+    return _SIDE_PX // patch * patch
+
+
+def patch_features(encoder: nn.Module, pictures: torch.Tensor) -> torch.Tensor:
+    """(b, c, n, n) features of a DINOv2 encoder, one for each patch of (b, 3, s, s) pictures."""
+    n = pictures.shape[-1] // encoder.config.patch_size
+    tokens = encoder(pixel_values=pictures).last_hidden_state  # (b, 1 + n * n, c)
+    return tokens[:, -n * n:].transpose(1, 2).unflatten(2, (n, n))
 
 
 def heights_as_pictures(x: torch.Tensor, side: int) -> torch.Tensor:

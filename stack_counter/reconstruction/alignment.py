@@ -79,14 +79,17 @@ def align_scan(fusion: DepthFusion, views: list[View], config: ReconstructorConf
     apart, refused = (voxels * fusion.voxel_size for voxels in
                       (SETTINGS.apart_voxels, SETTINGS.refused_voxels))
     # Leave out what most others contradict, before it pulls them along.
-    off = clearly_contradicting_views(views, fusion.region.noise, config.min_views)
+    pairs = compare_views(views, fusion.region.noise)
+    off = clearly_contradicting_views(pairs, len(views), config.min_views)
     kept, region = _leave_out(views, off, fusion.region, config)
     # Register the others where they lie apart.
     agreement = measure_agreement(kept, region)
     if agreement > apart:
         kept, region = _bring_together(kept, region, config, agreement)
     # Leave out what contradicts them still.
-    still_off = check_agreement(kept, compare_views(kept, region.noise), config.min_views)
+    if kept is not views:
+        pairs = compare_views(kept, region.noise)
+    still_off = check_agreement(kept, pairs, config.min_views)
     errors = tuple(ViewError("contradicts_others", f"{name} contradicts the views beside it; "
                              "expected the same surface")
                    for name in (*(name_view(views[i], i) for i in off),

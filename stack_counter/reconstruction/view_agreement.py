@@ -18,7 +18,8 @@ class AgreementSettings:
     """When views contradict each other.
 
     Attributes:
-        stride: pixels between the points of two views that are compared; chosen.
+        stride: least pixels between the points of two views that are compared; chosen.
+        max_points: largest number of points of a view, about; chosen.
         next_views: number of following views, in a ring, that each is compared with; chosen.
         min_shared_points: least number of points that two views must share; chosen.
         see_through_m: distance behind another view's point that one must see to contradict it,
@@ -29,6 +30,7 @@ class AgreementSettings:
     """
 
     stride: int = 8
+    max_points: int = 5000
     next_views: int = 2
     min_shared_points: int = 50
     see_through_m: float = 0.02
@@ -111,20 +113,19 @@ def contradicting_views(pairs: list[ViewPair], count: int) -> list[int]:
         off.append(max(wrong, key=lambda view: (medians[view], sum(shares[view]))))
 
 
-def clearly_contradicting_views(views: list[View], depth_noise_m: float, min_views: int
-                                ) -> list[int]:
+def clearly_contradicting_views(pairs: list[ViewPair], count: int, min_views: int) -> list[int]:
     """Finds the views that contradict a clear majority of others; none where that is not clear.
 
     Args:
-        views: with depth.
-        depth_noise_m: standard deviation of a depth point, m.
+        pairs: of the scan.
+        count: number of its views.
         min_views: fewest views of a scan.
 
     Returns:
         Their indices.
     """
-    off = contradicting_views(compare_views(views, depth_noise_m), len(views))
-    return off if _is_majority(len(views) - len(off), off, min_views) else []
+    off = contradicting_views(pairs, count)
+    return off if _is_majority(count - len(off), off, min_views) else []
 
 
 def _is_majority(kept: int, off: list[int], min_views: int) -> bool:
@@ -168,7 +169,8 @@ def name_view(view: View, index: int) -> str:
 
 def _world_cloud(view: View) -> np.ndarray:
     """(n, 3) float64 world points of every few pixels of a view, m."""
-    points = geometry.world_points(view, SETTINGS.stride).reshape(-1, 3)
+    stride = geometry.stride_for(view, SETTINGS.stride, SETTINGS.max_points)
+    points = geometry.world_points(view, stride).reshape(-1, 3)
     return points[np.isfinite(points[:, 2])].astype(float)
 
 

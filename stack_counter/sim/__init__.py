@@ -10,6 +10,7 @@ What is named here is for `train`, `eval` and `teaching`; the rest is the simula
 
 from stack_counter.sim.camera.bags import remove_parts
 from stack_counter.sim.camera.depth_camera import DepthCamera
+from stack_counter.sim.camera.key_picture import KeyPicture, picture_key_view
 from stack_counter.sim.camera.recording import (
     CAMERA,
     record,
@@ -57,6 +58,7 @@ __all__ = [
     "DepthCamera",
     "HardScan",
     "IdealSurface",
+    "KeyPicture",
     "PieceForm",
     "RayCaster",
     "Scene",
@@ -76,6 +78,7 @@ __all__ = [
     "max_simulated_parts",
     "measure_form",
     "open_library",
+    "picture_key_view",
     "read_piles",
     "read_scenes",
     "read_shard",

@@ -6,6 +6,12 @@ each level of knowledge of the part's form. Every training is one line of `ablat
 when it ends.
 
     python -m stack_counter.train.ablate --data data/train-deep:2 ... --scans SCANS --out DIR
+
+The same scenes are evaluated with ideal depth, too. So the paper's ablation is two variants: T-,
+learnt from depth as it is measured, is `as shipped`, T+ is `surfaces as cast, not degraded`; D- is
+the fused scans, D+ ideal depth. Source: paper, section 4.4 and its tables.
+
+    ... --variants "as shipped" "surfaces as cast, not degraded"
 """
 
 from __future__ import annotations
@@ -75,13 +81,16 @@ VARIANTS = {
 }
 
 
+_TOLD = ("mae", "r2", "bias", "nae")  # errors that are told of ideal depth as well
+
+
 def run_variant(options: argparse.Namespace, name: str, number: int, seed: int) -> dict[str, Any]:
     """Trains one variant without the families of one fold and evaluates it on them."""
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     variant = VARIANTS[name]
     config = replace(TrainConfig(epochs=options.epochs, seed=seed), **variant.training)
-    learnt, held_out = _split(options, variant, config, number)
+    learnt, held_out, ideal = _split(options, variant, config, number)
     # Train.
     torch.manual_seed(seed)
     path = options.out / f"{name.replace(' ', '_').replace(',', '')}_{number}_{seed}.pt"
@@ -90,13 +99,17 @@ def run_variant(options: argparse.Namespace, name: str, number: int, seed: int) 
     # Evaluate the best epoch; a network that never saw walls is shown none.
     net = read_member(path)[0]
     blind_share = 1.0 if config.blind == 1 else 0.0
-    return {"variant": name, "fold": number, "seed": seed, "scenes": len(learnt.samples),
+    line = {"variant": name, "fold": number, "seed": seed, "scenes": len(learnt.samples),
             **measure_held_out(net, held_out, blind_share)}
+    if ideal.samples:
+        errors = measure_held_out(net, ideal, blind_share)
+        line |= {f"ideal_{key}": errors[key] for key in _TOLD}
+    return line
 
 
 def _split(options: argparse.Namespace, variant: Variant, config: TrainConfig, number: int
-           ) -> tuple[TrainingData, TrainingData]:
-    """Cast samples to learn from, and truly fused ones of the fold that is left out."""
+           ) -> tuple[TrainingData, TrainingData, TrainingData]:
+    """Cast samples to learn from; truly fused ones of the fold left out, and the same as cast."""
     folders = [text for text in map(str, options.data)
                if not variant.without or variant.without not in text]
     everything = load_data(options)
@@ -108,7 +121,11 @@ def _split(options: argparse.Namespace, variant: Variant, config: TrainConfig, n
     allowed = np.flatnonzero([fold[s.family] != number for s in learnt.samples])
     chosen = np.random.default_rng(options.seed).permutation(allowed)[
         :variant.scenes or len(allowed)]
-    return learnt.select(np.isin(np.arange(len(learnt.samples)), chosen)), held_out
+    # The same scenes with ideal depth, which is not degraded.
+    cast = {s.name: s for s, fused in zip(everything.samples, everything.fused) if not fused}
+    twins = [cast[s.name] for s in held_out.samples if s.name in cast]
+    ideal = TrainingData(twins, [True] * len(twins), np.ones(len(twins)))
+    return learnt.select(np.isin(np.arange(len(learnt.samples)), chosen)), held_out, ideal
 
 
 def main() -> int:
@@ -140,13 +157,21 @@ def print_table(rows: list[dict[str, Any]], names: list[str]) -> None:
     """Prints a line for each variant: its means over folds and seeds."""
     for name in names:
         of_variant = [row for row in rows if row["variant"] == name]
-        mae, r2, bias, score = (np.mean([row[key] for row in of_variant])
-                                for key in ("mae", "r2", "bias", "score"))
-        print(f"{name:32}{of_variant[0]['scenes']:6} scenes  MAE {mae:.3f}  R2 {r2:+.2f}  "
-              f"bias {bias:+.3f}  log error {score:.3f}"
-              + "".join(f"  MAE, {title} {np.mean([row[key] for row in of_variant]):.3f}"
+        means = {key: float(np.mean([row[key] for row in of_variant])) for key in of_variant[0]
+                 if key != "variant"}
+        print(f"{name:32}{of_variant[0]['scenes']:6} scenes  {_format_errors(means)}"
+              f"  log error {means['score']:.3f}"
+              + "".join(f"  MAE, {title} {means[key]:.3f}"
                         for title, key in (("size known", "mae_size"), ("mesh known", "mae_mesh"))
-                        if key in of_variant[0]))
+                        if key in means)
+              + (f"  ideal depth: {_format_errors(means, 'ideal_')}" if "ideal_mae" in means
+                 else ""))
+
+
+def _format_errors(means: dict[str, float], prefix: str = "") -> str:
+    """Errors of gamma, and the NAE of the count that they alone bring about, V being true."""
+    mae, r2, bias, nae = (means[prefix + key] for key in _TOLD)
+    return f"MAE {mae:.3f}  R2 {r2:+.2f}  bias {bias:+.3f}  count NAE {nae:.3f}"
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -101,8 +101,8 @@ class TrainingData:
                             self.weights[rows])
 
 
-class _Training:
-    """State of one member's training, all of which a checkpoint holds."""
+class Training:
+    """State of one network's training, all of which a checkpoint holds."""
 
     def __init__(self, net: nn.Module, config: TrainConfig, steps: int):
         """`steps`: batches of an epoch."""
@@ -125,9 +125,10 @@ class _Training:
             ConfigError: it is of a network of another architecture.
         """
         state = read_checkpoint(path)
-        if isinstance(self.net, GammaNet) and state["net_config"] != asdict(self.net.config):
-            raise ConfigError(f"{path} is of a network {state['net_config']}; expected "
-                              f"{asdict(self.net.config)}: name another --out")
+        settings = state.get("net_config", {})
+        if settings != _settings_of(self.net):
+            raise ConfigError(f"{path} is of a network {settings}; expected "
+                              f"{_settings_of(self.net)}: name another --out")
         for name, part in self._parts().items():
             part.load_state_dict(state[name])
         self.history, self.best = state["history"], state["best"]
@@ -137,7 +138,7 @@ class _Training:
         state = {**{name: part.state_dict() for name, part in self._parts().items()},
                  "history": self.history, "best": self.best, "config": asdict(self._config),
                  "encoder": "own" if isinstance(self.net, GammaNet) else "dinov2",
-                 "net_config": asdict(self.net.config) if isinstance(self.net, GammaNet) else {}}
+                 "net_config": _settings_of(self.net)}
         unfinished = path.with_suffix(".part")
         torch.save(state, unfinished)
         unfinished.replace(path)
@@ -150,13 +151,17 @@ class _Training:
                                  likelihood=self._config.likelihood,
                                  shape_weight=self._config.form_weight, known=known,
                                  resolution=resolution)
+        self.descend(loss)
+        return loss.detach()
+
+    def descend(self, loss: torch.Tensor) -> None:
+        """Changes the weights so that the loss falls, and their average."""
         self.optimizer.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.net.parameters(), self._config.gradient_limit)
         self.optimizer.step()
         self.schedule.step()
         self.average.update_parameters(self.net)
-        return loss.detach()
 
     def is_finished(self) -> bool:
         """Whether all epochs are done, or the last ones brought no progress."""
@@ -176,6 +181,12 @@ class _Training:
                 "schedule": self.schedule}
 
 
+def _settings_of(net: nn.Module) -> dict[str, Any]:
+    """Settings of the architecture; none of the paper's network, whose encoder is the user's."""
+    settings = getattr(net, "config", None)
+    return asdict(settings) if is_dataclass(settings) else {}
+
+
 def train_member(net: nn.Module, data: TrainingData, held_out: TrainingData, config: TrainConfig,
                  path: Path, cores: int = 1) -> None:
     """Trains one network, from its checkpoint if there is one; the best epoch is kept.
@@ -192,7 +203,7 @@ def train_member(net: nn.Module, data: TrainingData, held_out: TrainingData, con
         cores: number of processes that prepare batches for an accelerator.
     """
     steps = max(len(data.samples) // config.batch, 1)
-    training = _Training(net, config, steps)
+    training = Training(net, config, steps)
     if path.exists():
         training.load(path)
     as_is = [fused or not config.degrade for fused in data.fused]
@@ -218,6 +229,7 @@ def measure_held_out(net: nn.Module, held_out: TrainingData, blind_share: float 
                       ) -> dict[str, float]:
     """Measures errors on families left out; `score` is the mean error of log gamma.
 
+    `nae` is the normalised absolute error of the count that they alone bring about, V being true.
     Of a network that knows the form it is the mean over the levels of knowledge; the other figures
     are with v alone known, and `mae_size` and `mae_mesh` with more. Of one that knows the
     resolution it is over surfaces as stereo on pictures shows them too, see `mae_pictures`.
@@ -247,10 +259,12 @@ def measure_held_out(net: nn.Module, held_out: TrainingData, blind_share: float 
     gamma = torch.exp(by_level[0])
     fused = torch.tensor([held_out.fused[i] for i in rows])
     mae_fused = float((gamma - true)[fused].abs().mean()) if fused.any() else 0.0
+    count = torch.tensor([float(held_out.samples[i].count) for i in rows])
+    nae = float((count * (gamma / true - 1)).abs().sum() / count.sum())
     return {"score": float(np.mean(log_errors)),
             "mae": float((gamma - true).abs().mean()),
             "r2": float(1 - ((gamma - true) ** 2).mean() / true.var(correction=0)),
-            "bias": float((gamma - true).mean()), "mae_fused": mae_fused,
+            "bias": float((gamma - true).mean()), "mae_fused": mae_fused, "nae": nae,
             **{f"mae_{level.name.lower()}": float((torch.exp(p) - true).abs().mean())
                for level, p in zip(levels[1:], by_level[1:])}, **of_pictures}
 

@@ -14,12 +14,9 @@ transformers = pytest.importorskip("transformers", reason="DINOv2 needs the extr
 
 @pytest.fixture(scope="module")
 def dino(tmp_path_factory):
-    out = tmp_path_factory.mktemp("dino")
-    torch.manual_seed(0)
-    transformers.Dinov2Model(transformers.Dinov2Config(
-        hidden_size=24, num_hidden_layers=1, num_attention_heads=2, patch_size=14,
-        image_size=448, mlp_ratio=2)).save_pretrained(out)
-    return out
+    from kits.tiny_models import save_dino
+
+    return save_dino(tmp_path_factory.mktemp("dino"))
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from kits.bags import CAMERA, bin_views
 from safetensors.torch import load_file, save_file
 
@@ -26,30 +25,9 @@ PROMPTS = parse_prompts({"parts": {"boxes": [[60, 45, 100, 80]], "points": [[80,
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A random model a thousandth of the smallest real one."""
-    torch.manual_seed(0)
-    backbone = transformers.Sam2HieraDetConfig(
-        image_size=[64, 64], hidden_size=8, num_attention_heads=1, blocks_per_stage=[1, 1, 2, 1],
-        embed_dim_per_stage=[8, 16, 32, 64], num_attention_heads_per_stage=[1, 1, 1, 1],
-        window_positional_embedding_background_size=[4, 4], global_attention_blocks=[3],
-        window_size_per_stage=[8, 4, 4, 2])
-    vision = transformers.Sam2VisionConfig(
-        backbone_config=backbone, backbone_channel_list=[64, 32, 16, 8], fpn_hidden_size=128,
-        backbone_feature_sizes=[[16, 16], [8, 8], [4, 4]])
-    config = transformers.Sam2VideoConfig(
-        vision_config=vision, image_size=64,
-        prompt_encoder_config={"hidden_size": 128, "image_size": 64, "patch_size": 16},
-        mask_decoder_config={"hidden_size": 128, "mlp_dim": 32, "num_attention_heads": 2,
-                             "iou_head_hidden_dim": 32},
-        memory_attention_hidden_size=128, memory_attention_num_layers=1,
-        memory_attention_num_attention_heads=1, memory_attention_feed_forward_hidden_size=32,
-        memory_attention_rope_feat_sizes=[4, 4], memory_encoder_hidden_size=128,
-        memory_encoder_output_channels=64, mask_downsampler_embed_dim=128,
-        memory_fuser_embed_dim=128, memory_fuser_intermediate_dim=32, memory_fuser_num_layers=1)
-    model = transformers.Sam2VideoModel(config)
-    out = tmp_path_factory.mktemp("sam2")
-    model.save_pretrained(out)
-    return out
+    from kits.tiny_models import save_sam2
+
+    return save_sam2(tmp_path_factory.mktemp("sam2"))
 
 
 def test_labels_every_view(folder):

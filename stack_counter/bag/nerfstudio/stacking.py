@@ -28,10 +28,12 @@ class SceneFacts(NamedTuple):
     Attributes:
         unit_volume_cm3: volume of one part; 0 where it is not known.
         parts: number of parts, counted by hand; 0 where it is not known.
+        guesses: numbers that people guessed from the pictures.
     """
 
     unit_volume_cm3: float = 0.0
     parts: int = 0
+    guesses: tuple[float, ...] = ()
 
 
 def read_facts(scene: Path) -> SceneFacts:
@@ -45,10 +47,12 @@ def read_facts(scene: Path) -> SceneFacts:
     name = re.sub(r"\d", "", scene.absolute().name)
     volume = volumes.get(name, info.get("unit_volume_cm3", info.get("unit_volume", 0)))
     try:
-        return SceneFacts(max(float(volume), 0.0), max(int(info.get("gt_count", 0)), 0))
+        return SceneFacts(max(float(volume), 0.0), max(int(info.get("gt_count", 0)), 0),
+                          tuple(map(float, info.get("human_guesses", ()))))
     except (TypeError, ValueError) as error:
         raise BagError(f"{scene / 'info.json'} is malformed ({error}); expected numbers under "
-                       "gt_count and unit_volume, cm3") from error
+                       "gt_count and unit_volume, cm3, and a list of them under "
+                       "human_guesses") from error
 
 
 def _read_object(path: Path) -> dict:

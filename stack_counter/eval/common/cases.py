@@ -71,12 +71,7 @@ def _measure_case(scene: Scene, depth: str, views: int, confidence: float,
     """One scene by all estimators, through the pipeline or as it is: `depth` as of the command."""
     truth, guesses, volume_error = scene.truth, {}, np.nan
     try:
-        if depth == "ideal":
-            volume = ideal_volume(scene)
-        elif depth == "pictures":
-            volume = reconstruct_from_pictures(scene, views)
-        else:
-            volume = reconstruct(scene, _SEED, views)
+        volume = measure_volume(scene, depth, views)
         volume_error = volume.stack_volume / truth.stack_volume - 1
         for row, estimator in _estimators(scene.shape, weights).items():
             guesses[row] = _guess_count(estimator, volume, truth.unit_volume, confidence)
@@ -85,6 +80,19 @@ def _measure_case(scene: Scene, depth: str, views: int, confidence: float,
         guesses = {}
     return Case(scene.index, scene.shape.family, scene.container.kind, truth.count, truth.gamma,
                 truth.fill, scene.shape.complexity, volume_error, guesses)
+
+
+def measure_volume(scene: Scene, depth: str, views: int) -> StackVolume:
+    """V and surface through the pipeline or as they are: `depth` as of the command.
+
+    Raises:
+        StackCounterError: the scan is refused.
+    """
+    if depth == "ideal":
+        return ideal_volume(scene)
+    if depth == "pictures":
+        return reconstruct_from_pictures(scene, views)
+    return reconstruct(scene, _SEED, views)
 
 
 def _estimators(shape: Shape, weights: Path | None) -> dict[str, OccupancyEstimator]:

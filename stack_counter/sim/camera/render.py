@@ -101,6 +101,14 @@ class Renderer:
         labels = np.where(hit, self._labels[np.minimum(ids, 3)], BACKGROUND)
         return np.where(hit, depth, 0).astype(np.float32), labels.astype(np.uint8)
 
+    def render_part_numbers(self, intrinsics: Intrinsics, T_world_camera: np.ndarray
+                            ) -> np.ndarray:
+        """(h, w) int32 number of the part that each pixel shows; -1 where none is."""
+        hits = self._cast_rays(camera_rays(intrinsics, T_world_camera))
+        ids = np.where(np.isfinite(hits["t_hit"].numpy()), hits["geometry_ids"].numpy(), 0)
+        part = hits["primitive_ids"].numpy().astype(np.int64) // self._faces_per_part
+        return np.where(self._labels[np.minimum(ids, 3)] == PARTS, part, -1).astype(np.int32)
+
     def render_color(self, intrinsics: Intrinsics, T_world_camera: np.ndarray, seed: int
                      ) -> np.ndarray:
         """(h, w, 3) uint8 RGB: Lambert and a highlight, soft shadow, ambient occlusion.

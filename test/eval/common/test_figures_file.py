@@ -14,8 +14,10 @@ from stack_counter.eval.common.band_power import BandPower
 from stack_counter.eval.common.case import Case, Guess
 from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.part_table import PartCount
+from stack_counter.eval.common.picture_cases import PictureCase
 from stack_counter.eval.images import DepthErrors, PictureErrors
 from stack_counter.eval.live import LiveCount
+from stack_counter.eval.real import RealCase
 from stack_counter.eval.robustness import Outcome
 from stack_counter.eval.surface import SurfaceCase
 from stack_counter.eval.volume import VolumeCase
@@ -54,7 +56,7 @@ def test_numbers_that_there_are_not_are_null(tmp_path):
     ("count", Case), ("volume", VolumeCase), ("live", LiveCount), ("robustness", Outcome),
     ("parts", PartCount), ("images", PictureErrors), ("images", DepthErrors),
     ("benchmark", BenchmarkRow), ("surface", SurfaceCase), ("surface", BandPower),
-    ("weight", WeighedScan)])
+    ("weight", WeighedScan), ("count", PictureCase), ("real", PictureCase), ("real", RealCase)])
 def test_the_page_names_every_key(kind, row):
     cells = [cells[2] for cells in TABLE if f"`{kind}`" in cells[0] and "summary" not in cells[1]]
     assert {field.name for field in fields(row)} <= set(re.findall(r"`(\w+)`", " ".join(cells)))
