@@ -15,6 +15,7 @@ VERSION = "0.1.0"
 
 REQUIRES = [
     "mcap>=1.6",  # (no key of its own: comes with mcap-ros2-support)
+    "imagesize>=2.0.1",  # (no key)
     "jinja2>=3.1.6",
     "lz4>=4.4",  # (no key: comes with mcap)
     "mcap-ros2-support>=0.6",

@@ -61,6 +61,7 @@ LIBRARIES = {
     r"tqdm": "tasks",
     r"pycolmap|PIL|pillow_heif": "pictures",
     r"torch": "pretrained occupancy picture_baselines segmentation train",
+    r"imagesize": "views",
     r"onnx": "train",
     r"onnxruntime": "inference",
     r"sapien|coacd|manifold3d": "sim",

@@ -68,9 +68,16 @@ def test_every_kind_of_jpeg_says_its_size(options):
     check_stated_size(data[:2] + b"\xff\xff" + data[2:], "jpeg")  # filled up before a marker
 
 
+@pytest.mark.parametrize("suffix", [".png", ".webp", ".tiff", ".bmp"])
+def test_other_files_that_opencv_reads_say_it_too(suffix):
+    check_stated_size(cv2.imencode(suffix, IMAGE)[1].tobytes(), suffix, 30 * 40)
+    with pytest.raises(ViewError, match="40x30 pixels in"):
+        check_stated_size(cv2.imencode(suffix, IMAGE)[1].tobytes(), suffix, 30 * 40 - 1)
+
+
 @pytest.mark.parametrize("data", [
     b"", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"\xff\xd8\xff\xc0", b"\xff\xd8" + b"\xff" * 50,
-    jpeg(40, 30)[:20], cv2.imencode(".tiff", IMAGE)[1].tobytes()], ids=range(7))
+    jpeg(40, 30)[:20]], ids=range(6))
 def test_what_does_not_say_its_size_is_refused(data):
     with pytest.raises(ViewError, match="expected a JPEG or PNG image"):
         check_stated_size(data, "x")
