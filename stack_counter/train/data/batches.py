@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -91,13 +92,14 @@ def family_group(family: str) -> str:
 def assign_folds(families: list[str]) -> dict[str, int]:
     """Deals groups of families, which are never split, to folds at random.
 
-    Each source's are dealt apart: every fold has its share of them, and a further source moves
-    none of the families of the others.
+    Each source's are dealt apart, beginning at a fold of its own: every fold has its share of
+    them, and a further source moves none of the families of the others.
     """
     by_group: dict[str, int] = {}
     for source in sorted({source_of(family) for family in families}):
         groups = sorted({family_group(f) for f in families if source_of(f) == source})
-        folds = np.random.default_rng(_FOLD_SEED).permutation(len(groups)) % FOLDS
+        dealt = np.random.default_rng(_FOLD_SEED).permutation(len(groups))
+        folds = (dealt + zlib.crc32(source.encode())) % FOLDS
         by_group |= dict(zip(groups, folds.tolist()))
     return {family: by_group[family_group(family)] for family in families}
 

@@ -47,6 +47,11 @@ def test_a_further_source_moves_no_family_and_is_dealt_to_all_folds():
     assert {folds[f] for f in kicad} == set(range(FOLDS))
 
 
+def test_sources_of_one_group_each_are_not_of_one_fold():
+    folds = assign_folds([f"source{i}/all" for i in range(12)])
+    assert len(set(folds.values())) >= 3
+
+
 def test_families_of_two_sources_are_not_of_one_group():
     assert family_group("plate_of_bars") == "plate"
     assert family_group("KiCad/Inductor_THT") == family_group("KiCad/Inductor_SMD")
