@@ -6,7 +6,7 @@
 # make sbom: the bill of materials of .venv (CycloneDX), into out/sbom.json
 # make coverage: tests of the core, and which of its branches they take (out/coverage/index.html)
 # LOCKED=1 make setup: with the packages of requirements.lock, and no others
-# PYTHON=/path/to/python3.12 make setup: with an interpreter of your choice (3.10 to 3.13)
+# PYTHON=/path/to/python3.12 make setup: with an interpreter of your choice (3.11 to 3.13)
 
 SHELL := bash
 DEMO := .venv/bin/stack-counter replay bags/demo

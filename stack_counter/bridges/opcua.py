@@ -7,7 +7,7 @@ import asyncio
 import hmac
 import logging
 from collections.abc import Mapping
-from datetime import timezone
+from datetime import UTC
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +74,7 @@ class OpcuaSink:
                 news = await self._news.get()
                 if isinstance(news, bool):
                     await server.write_attribute_value(available.nodeid, ua.DataValue(
-                        ua.Variant(news), SourceTimestamp=ua.DateTime.now(timezone.utc)))
+                        ua.Variant(news), SourceTimestamp=ua.DateTime.now(UTC)))
                 else:
                     await self._show(server, news)
         finally:

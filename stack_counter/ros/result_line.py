@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from typing import Any
 
 from stack_counter_msgs.msg import StackCount, StackVolume
@@ -20,7 +20,7 @@ from stack_counter.views.decoding import stamp_ns
 def result_line(count: StackCount, volume: StackVolume) -> dict[str, Any]:
     """Returns the line of a count: the keys of `replay --json`, and whose count it is."""
     seconds, nanoseconds = divmod(stamp_ns(count.header.stamp), 10**9)
-    stamp = datetime.fromtimestamp(seconds, timezone.utc).replace(microsecond=nanoseconds // 1000)
+    stamp = datetime.fromtimestamp(seconds, UTC).replace(microsecond=nanoseconds // 1000)
     line = {"schema_version": SCHEMA_VERSION, "scan_id": count.scan_id,
             "stamp": stamp.isoformat(timespec="microseconds").replace("+00:00", "Z"),
             "region": count.region, "part": count.part, "verdict": verdict_name(count)}

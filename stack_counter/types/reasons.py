@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import StrEnum
 
 
-class Reason(str, Enum):
+class Reason(StrEnum):
     """What qualifies a result: its slug, and one sentence for the person who reads it.
 
     Messages, files and JSON hold the slug. One that this release does not know (of a newer node)
@@ -34,9 +34,6 @@ class Reason(str, Enum):
         unknown._name_, unknown._value_, unknown.degrades = value.upper(), value, False
         unknown.sentence = f"This release does not know the reason {value}; update it."
         return unknown
-
-    def __str__(self) -> str:
-        return str(self.value)
 
     def __format__(self, spec: str) -> str:
         return format(str(self.value), spec)

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
-from typing_extensions import Self
 
 # free: any open container with a level rim; hull: only an outline is known, no inner surface.
 CONTAINER_KINDS = ("box", "round", "free", "none", "hull")

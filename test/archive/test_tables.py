@@ -3,7 +3,7 @@
 
 import csv
 import sys
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 
 import pytest
 from kits.outcomes import line, outcome
@@ -28,7 +28,7 @@ def test_a_row_for_each_region_and_error(tmp_path):
         ("/cell/a", "l", "7", "0"), ("/cell/a", "r", "", "3"), ("/cell/b", "", "", "3")]
     assert rows[0]["report"] == "reports/x.html" and rows[2]["error"] == "3 views; expected more"
     assert table.column("count").to_pylist() == [7, None, None]
-    assert table.column("stamp").to_pylist()[0] == datetime(2026, 11, 1, 8, tzinfo=timezone.utc)
+    assert table.column("stamp").to_pylist()[0] == datetime(2026, 11, 1, 8, tzinfo=UTC)
     assert table.column_names == list(rows[0])
 
 

@@ -106,7 +106,7 @@ def test_a_result_comes_with_types_and_the_stamp_of_its_last_view(server, read):
         seen = read(name)
         assert (seen.Value.Value, seen.Value.VariantType) == (value, ua.VariantType[kind])
         assert seen.StatusCode.is_good() and seen.SourceTimestamp.replace(
-            tzinfo=datetime.timezone.utc) == stamp
+            tzinfo=datetime.UTC) == stamp
         node = read.client.get_node(f"ns={read.index};s=StackCounter.{name}")
         assert node.read_data_type() == ua.NodeId(ua.VariantType[kind].value)
     assert read("available").Value.Value is True

@@ -29,7 +29,7 @@ def write_certificate(folder, uri="urn:test"):
 
     key = rsa.generate_private_key(public_exponent=65537, key_size=2048)
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "stack_counter test")])
-    now = datetime.datetime.now(datetime.timezone.utc)
+    now = datetime.datetime.now(datetime.UTC)
     usage = x509.KeyUsage(True, True, True, True, False, True, False, False, False)
     names = [x509.UniformResourceIdentifier(uri), x509.DNSName("localhost"),
              x509.IPAddress(ipaddress.ip_address("127.0.0.1"))]
