@@ -22,6 +22,12 @@ from stack_counter.sim.hard.kinds import HARD_KINDS, hard_kind, make_hard_scan
 from stack_counter.sim.hard.piles import read_piles
 from stack_counter.sim.hard.scan import HardScan
 from stack_counter.sim.ideal import IdealSurface, ideal_surface
+from stack_counter.sim.parts_from_above import (
+    PartsFromAbove,
+    match_parts,
+    parts_from_above,
+    world_places,
+)
 from stack_counter.sim.physics.collision import convex_pieces, rough_form
 from stack_counter.sim.physics.container_draws import draw_deep_container
 from stack_counter.sim.physics.decomposition.form import PieceForm, measure_form
@@ -59,6 +65,7 @@ __all__ = [
     "HardScan",
     "IdealSurface",
     "KeyPicture",
+    "PartsFromAbove",
     "PieceForm",
     "RayCaster",
     "Scene",
@@ -75,9 +82,11 @@ __all__ = [
     "load_shapes",
     "make_hard_scan",
     "make_shape",
+    "match_parts",
     "max_simulated_parts",
     "measure_form",
     "open_library",
+    "parts_from_above",
     "picture_key_view",
     "read_piles",
     "read_scenes",
@@ -95,4 +104,5 @@ __all__ = [
     "simplify_solid",
     "simulate_pile",
     "source_of",
+    "world_places",
 ]
