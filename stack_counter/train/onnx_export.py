@@ -63,12 +63,15 @@ def export_ensemble(members: Sequence[nn.Module]) -> np.ndarray:
     return export_graph(StackedNets(members).eval(), INPUTS)
 
 
-def export_graph(net: nn.Module, shapes: Mapping[str, Sequence[int]]) -> np.ndarray:
+def export_graph(net: nn.Module, shapes: Mapping[str, Sequence[int]], stride: int = 0
+                 ) -> np.ndarray:
     """Exports a network, and checks what ONNX Runtime makes of it.
 
     Args:
         net: in evaluation mode; it takes the inputs in their order, and gives several outputs.
         shapes: of an input without its batch, by name.
+        stride: of a network that takes maps of any size: of what their last two sides are
+            multiples; 0: they are fixed.
 
     Returns:
         (n,) uint8, the graph for any size of the batch.
@@ -76,10 +79,13 @@ def export_graph(net: nn.Module, shapes: Mapping[str, Sequence[int]]) -> np.ndar
     Raises:
         WeightsError: as for `check_graph`.
     """
+    dynamic = {0: torch.export.Dim("batch")}
+    if stride:
+        dynamic |= {axis: stride * torch.export.Dim(f"cells_{axis}") for axis in (2, 3)}
     program = torch.onnx.export(
         net, tuple(map(torch.from_numpy, _random_inputs(shapes).values())), dynamo=True,
         optimize=False, verbose=False, input_names=list(shapes),
-        dynamic_shapes=tuple({0: torch.export.Dim("batch")} for _ in shapes))
+        dynamic_shapes=tuple(dynamic for _ in shapes))
     graph = _without_weights(program.model_proto, set(net.state_dict()))
     check_graph(graph, net, shapes)
     return graph
