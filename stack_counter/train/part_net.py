@@ -143,7 +143,7 @@ def save_part_net(path: Path, net: PartNet, facts: dict[str, str]) -> None:
         WeightsError: ONNX Runtime gives other values than torch.
     """
     net = net.eval()
-    tensors = {name: value.half() for name, value in net.state_dict().items()
+    tensors = {name: value.half().contiguous() for name, value in net.state_dict().items()
                if not name.endswith("num_batches_tracked")}
     graph = export_graph(net, {"maps": (CHANNELS, 5 * STRIDE, 7 * STRIDE)}, STRIDE)
     check_graph(graph, net, {"maps": (CHANNELS, 2 * STRIDE, STRIDE)})  # another size

@@ -97,7 +97,7 @@ def train_part_net(net: PartNet, learnt: list[PartSample], held_out: list[PartSa
         # Evaluate the averaged weights and store all.
         figures = measure_held_out(training.average.module, held_out)
         line = {"epoch": epoch, "loss": sum(map(float, losses)) / steps,
-                "score": 1 - figures["recall"], **figures, "seconds": time.time() - begin}
+                "score": 1 - figures["average_precision"], **figures, "seconds": time.time() - begin}
         print(path.stem, json.dumps({k: round(v, 4) for k, v in line.items()}), flush=True)
         training.end_epoch(line)
         training.save(path)
@@ -107,8 +107,8 @@ def train_part_net(net: PartNet, learnt: list[PartSample], held_out: list[PartSa
 def measure_held_out(net: nn.Module, samples: list[PartSample]) -> dict[str, float]:
     """Measures recall of the parts that mostly show, and the threshold of the wanted precision.
 
-    Where no threshold gives that precision, recall is 0 and the threshold 1. `share_error` is the
-    mean error of the share that shows.
+    Where no threshold gives that precision, recall is 0 and the threshold 1. `average_precision`
+    is over the parts that mostly show; `share_error` is the mean error of the share that shows.
     """
     net.eval()
     scores, right, hits, share_errors, total = [], [], [], [], 0
@@ -123,9 +123,8 @@ def measure_held_out(net: nn.Module, samples: list[PartSample]) -> dict[str, flo
         hits.append(true_share > SETTINGS.mostly_shown)
         share_errors.append(np.abs(found.shares - true_share)[match >= 0])
         total += np.count_nonzero(labelled.parts.shares[true] > SETTINGS.mostly_shown)
-    threshold, recall = _best_threshold(*map(np.concatenate, (scores, right, hits)), total)
     errors = np.concatenate(share_errors)
-    return {"recall": recall, "threshold": threshold,
+    return {**_judge_scores(*map(np.concatenate, (scores, right, hits)), total),
             "share_error": float(errors.mean()) if len(errors) else 1.0}
 
 
@@ -140,9 +139,9 @@ def find_in_sample(net: nn.Module, labelled: PartSample, random: np.random.Gener
     return decode_parts(output[:, :rows, :cols], maps.valid)
 
 
-def _best_threshold(scores: np.ndarray, right: np.ndarray, hits: np.ndarray, total: int
-                    ) -> tuple[float, float]:
-    """Least score at which the parts found are right as often as wanted, and the recall there.
+def _judge_scores(scores: np.ndarray, right: np.ndarray, hits: np.ndarray, total: int
+                  ) -> dict[str, float]:
+    """Average precision, and the least score at which the parts found are right often enough.
 
     Args:
         scores: (n,) of parts found in all scenes.
@@ -151,12 +150,16 @@ def _best_threshold(scores: np.ndarray, right: np.ndarray, hits: np.ndarray, tot
         total: parts that mostly show.
     """
     order = np.argsort(-scores)
+    hit = hits[order]
     precision = np.cumsum(right[order]) / np.arange(1, len(order) + 1)
+    figures = {"recall": 0.0, "threshold": 1.0,
+               "average_precision": float(precision[hit].sum() / total)}
     enough = np.flatnonzero(precision >= SETTINGS.precision)
-    if not len(enough):
-        return 1.0, 0.0
-    last = enough[-1]
-    return float(scores[order[last]]), float(np.count_nonzero(hits[order[:last + 1]]) / total)
+    if len(enough):
+        last = enough[-1]
+        figures |= {"recall": float(np.count_nonzero(hit[:last + 1]) / total),
+                    "threshold": float(scores[order[last]])}
+    return figures
 
 
 def split_by_family(samples: list[PartSample], fold: int
