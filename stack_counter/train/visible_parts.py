@@ -97,7 +97,8 @@ def train_part_net(net: PartNet, learnt: list[PartSample], held_out: list[PartSa
         # Evaluate the averaged weights and store all.
         figures = measure_held_out(training.average.module, held_out)
         line = {"epoch": epoch, "loss": sum(map(float, losses)) / steps,
-                "score": 1 - figures["average_precision"], **figures, "seconds": time.time() - begin}
+                "score": 1 - figures["average_precision"], **figures,
+                "seconds": time.time() - begin}
         print(path.stem, json.dumps({k: round(v, 4) for k, v in line.items()}), flush=True)
         training.end_epoch(line)
         training.save(path)
