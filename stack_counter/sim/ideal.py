@@ -45,19 +45,28 @@ class SurfaceGrid:
     shape: tuple[int, int]
     pitch: float
 
-    def world_xy(self, T_world_container: np.ndarray) -> np.ndarray:
-        """(rows, cols, 2) world x and y of the cells' centres, metres."""
-        rows, cols = self.shape
-        grid = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1) + 0.5
-        local_xy = self.corner + grid * self.pitch
-        return local_xy @ T_world_container[:2, :2].T + T_world_container[:2, 3]
+    def T_world_map(self, T_world_container: np.ndarray) -> np.ndarray:
+        """(4, 4) frame of the cells, as `HeightMap` has it."""
+        T_container_map = np.eye(4)
+        T_container_map[:2, 3] = self.corner
+        return T_world_container @ T_container_map
+
+    def world_xy(self, T_world_container: np.ndarray, cells: np.ndarray) -> np.ndarray:
+        """(..., 2) world x and y, metres, of the middles of cells, (..., 2) rows and columns."""
+        local = np.zeros((*cells.shape[:-1], 3))
+        local[..., :2] = (cells[..., ::-1] + 0.5) * self.pitch
+        return geometry.apply(self.T_world_map(T_world_container), local)[..., :2]
+
+    def all_world_xy(self, T_world_container: np.ndarray) -> np.ndarray:
+        """(rows, cols, 2) world x and y of all cells' middles, metres."""
+        return self.world_xy(T_world_container, np.moveaxis(np.indices(self.shape), 0, -1))
 
 
 def ideal_surface(scene: Scene) -> IdealSurface:
     """Casts rays straight down on the parts and on the container's inner surface."""
     part_length, container = scene.truth.unit_volume ** (1 / 3), scene.container
     parts = scene.parts_mesh()
-    xy = surface_grid(scene).world_xy(container.T_world_container)
+    xy = surface_grid(scene).all_world_xy(container.T_world_container)
     top, inside = RayCaster(parts).surface_heights(xy), container.inner_mesh()
     if inside is None:  # A heap: the inner surface is the support plane.
         top = np.maximum(top, 0) / part_length

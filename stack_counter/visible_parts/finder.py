@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.errors import WeightsError
+from stack_counter.errors import ScanError, WeightsError
 from stack_counter.files import read_weights, shipped_weights
 from stack_counter.inference import NetworkSession
 from stack_counter.occupancy.maps import StackMaps, network_channels, stack_maps
@@ -41,19 +41,21 @@ class VisiblePartFinder:
                                ) from error
         self._session = NetworkSession(path, file.tensors)
 
-    def find(self, volume: StackVolume, unit_volume: float) -> tuple[VisiblePart, ...]:
-        """Finds the parts that show, the surest first; none where the scan has no depth.
+    def find(self, volume: StackVolume, unit_volume: float) -> tuple[VisiblePart, ...] | None:
+        """Finds the parts that show, the surest first.
+
+        None where there is no surface to read, or the parts are too small beside it.
 
         Args:
             volume: the reconstruction.
             unit_volume: v, m3.
-
-        Raises:
-            ScanError: the surface cannot be read at that size of parts.
         """
-        if volume.top is None or volume.inner is None:
-            return ()
-        maps = stack_maps(volume, unit_volume)
+        if volume.top is None:
+            return None
+        try:
+            maps = stack_maps(volume, unit_volume)
+        except ScanError:
+            return None
         parts = self.find_in_maps(maps)
         return place_parts(parts, maps, volume.top, unit_volume ** (1 / 3))
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from stack_counter import geometry
 from stack_counter.sim.ideal import SurfaceGrid, surface_grid
 from stack_counter.sim.scenes.ray_caster import RayCaster
 from stack_counter.sim.scenes.scene import Scene, rotation_matrices
@@ -46,7 +45,7 @@ class PartsFromAbove:
 def parts_from_above(scene: Scene) -> PartsFromAbove:
     """Casts rays straight down on the parts and the container."""
     parts, grid = scene.parts_mesh(), surface_grid(scene)
-    xy = grid.world_xy(scene.container.T_world_container)
+    xy = grid.all_world_xy(scene.container.T_world_container)
     caster, inside = RayCaster(parts), scene.container.inner_mesh()
     shown = caster.hit_triangles(xy)
     shown = np.where(shown >= 0, shown // len(scene.shape.faces), -1)
@@ -101,11 +100,3 @@ def _outline_cells(scene: Scene, parts: np.ndarray, grid: SurfaceGrid) -> np.nda
     rows, cols = np.mgrid[:side, :side * len(parts)] + 0.5
     hit = RayCaster(mesh).hit_triangles(np.stack([cols, rows], axis=-1)) >= 0
     return hit.reshape(side, len(parts), side).sum(axis=(0, 2))
-
-
-def world_places(scene: Scene, cells: np.ndarray) -> np.ndarray:
-    """(n, 2) world x and y, metres, of (n, 2) rows and columns of cells on a scene's grid."""
-    grid = surface_grid(scene)
-    local = np.zeros((len(cells), 3))
-    local[:, :2] = grid.corner + (cells[:, ::-1] + 0.5) * grid.pitch
-    return geometry.apply(scene.container.T_world_container, local)[:, :2]
