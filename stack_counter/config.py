@@ -169,6 +169,8 @@ class CounterConfig:
     estimator: str = _setting("network", "what says gamma", choices=(
         "network", "depth_corrected", "depth_extrapolated", "prior", "direct"))
     weights: str = _setting("", "safetensors file of the estimator; empty: the shipped one")
+    visible_parts_weights: str = _setting("", "safetensors file of what finds the parts that "
+                                              "show; empty: the shipped one, if there is one")
     encoder_weights: str = _setting("", "folder with your own DINOv2 weights, for estimator "
                                         "weights that were trained upon it; empty: none")
     depth_weights: str = _setting("", "folder with your own Depth Anything V2 weights, which read "

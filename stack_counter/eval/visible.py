@@ -29,7 +29,7 @@ from stack_counter.sim import Scene, match_parts, parts_from_above, surface_grid
 from stack_counter.tasks.progress import progress
 from stack_counter.tasks.workers import Workers, map_tasks
 from stack_counter.types import HeightMap, VisiblePart
-from stack_counter.visible_parts.finder import VisiblePartFinder, shipped_finder
+from stack_counter.visible_parts.finder import VisiblePartFinder, make_finder
 
 # Distance within which a part is found, part lengths; share from which a part shows at all, and
 # from which it should be found. The first and the last are what the figures are defined by.
@@ -90,7 +90,7 @@ def _load_finder(weights: Path | None) -> VisiblePartFinder:
         ConfigError: none is named, and none shipped.
         WeightsError: it cannot be loaded.
     """
-    finder = VisiblePartFinder(weights) if weights else shipped_finder()
+    finder = make_finder(str(weights or ""))
     if finder is None:
         raise ConfigError("no network that finds visible parts is shipped; expected --weights: "
                           "python -m stack_counter.train.visible_parts trains one")

@@ -67,14 +67,19 @@ class VisiblePartFinder:
         return decode_parts(output[:, :rows, :cols], maps.valid, self._threshold)
 
 
-def shipped_finder() -> VisiblePartFinder | None:
-    """Returns what finds parts by the shipped network; None where none is shipped.
+def make_finder(weights: str = "") -> VisiblePartFinder | None:
+    """Returns what finds parts by the network of a file.
+
+    Args:
+        weights: of the file; empty: the shipped one, or None where none is shipped.
 
     Raises:
-        WeightsError: it is damaged.
+        WeightsError: it cannot be loaded.
     """
-    path = shipped_weights(SHIPPED)
-    return VisiblePartFinder(path) if path.exists() else None
+    if weights:
+        return VisiblePartFinder(Path(weights))
+    shipped = shipped_weights(SHIPPED)
+    return VisiblePartFinder(shipped) if shipped.exists() else None
 
 
 def pad_channels(channels: np.ndarray) -> np.ndarray:
