@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of counts: `result`, as JSON too, `running_count`, `visible_parts`, and the old `count`.
-"""
+"""The topics of counts: `result`, as JSON too, `running_count`, `visible_parts`, and `count`."""
 
 from __future__ import annotations
 

@@ -11,13 +11,12 @@ from typing import TypeAlias
 import numpy as np
 from geometry_msgs.msg import Point, Point32, Polygon
 from stack_counter_msgs.msg import CellFillingLevel as CellMsg
-from stack_counter_msgs.msg import GridSize, Rectangle
+from stack_counter_msgs.msg import GridSize, Rectangle, VisibleParts
 from stack_counter_msgs.msg import RangeValue as RangeMsg
 from stack_counter_msgs.msg import SourceCount as SourceCountMsg
 from stack_counter_msgs.msg import StackCount as StackCountMsg
 from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
 from stack_counter_msgs.msg import VisiblePart as VisiblePartMsg
-from stack_counter_msgs.msg import VisibleParts
 
 from stack_counter.types import (
     CellFillingLevel,

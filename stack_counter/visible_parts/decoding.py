@@ -111,7 +111,10 @@ def _find_middles(logits: np.ndarray, valid: np.ndarray, threshold: float
     """(k, 2) rows and columns of local maxima above the threshold, and their (k,) scores."""
     heat = np.where(valid, logits, -np.inf).astype(np.float32)
     highest = cv2.dilate(heat, np.ones((SETTINGS.neighborhood_px,) * 2, np.uint8))
-    middles = np.argwhere((heat == highest) & (heat >= _logit(threshold)))
+    peaks = (heat == highest) & (heat >= _logit(threshold))
+    _, plateaus = cv2.connectedComponents(peaks.astype(np.uint8))  # pixels as high as each other
+    middles = np.argwhere(peaks)
+    middles = middles[np.unique(plateaus[peaks], return_index=True)[1]]  # one of each plateau
     scores = _probability(heat[tuple(middles.T)])
     order = np.argsort(-scores, kind="stable")
     return middles[order], scores[order].astype(float)
