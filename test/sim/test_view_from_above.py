@@ -3,34 +3,10 @@
 
 import numpy as np
 import pytest
-import trimesh
+from kits.cubes import SIDE, cubes
 
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
-from stack_counter.sim import (
-    ContainerShape,
-    Scene,
-    ideal_surface,
-    match_parts,
-    parts_from_above,
-    shape_from_mesh,
-    surface_grid,
-)
-
-SIDE = 0.02  # of a cube, which is a part length
-_BOX = trimesh.creation.box((SIDE,) * 3)
-CUBE = shape_from_mesh(_BOX.vertices, _BOX.faces, "cube")
-
-
-def cubes(*xyz, kind="none"):
-    """A scene of cubes, whose middles lie at (x, y, z) in sides."""
-    poses = np.array([[*(SIDE * np.array(p)), 0, 0, 0, 1] for p in xyz], float)
-    size = (0.1, 0.1, 0.06) if kind != "none" else (0.1, 0.1, 0.0)
-    walls = {"wall_thickness_m": 0.002, "floor_thickness_m": 0.002} if kind != "none" else {}
-    T = np.eye(4)
-    T[:3, 3] = 0.3, -0.2, 0
-    container = ContainerShape(kind, T, size, **walls)
-    return Scene(0, 0, CUBE, container,
-                 poses)
+from stack_counter.sim import ideal_surface, match_parts, parts_from_above, surface_grid
 
 
 def test_a_cube_that_lies_free_shows_whole_where_it_is():
