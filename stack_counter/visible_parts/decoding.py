@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy import ndimage
 
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
 
@@ -65,9 +64,14 @@ class PartsInMap:
 
     def outlines(self) -> list[np.ndarray]:
         """(n, 2) float64 rows and columns around the largest piece of each part."""
-        boxes = ndimage.find_objects(self.numbers + 1)
-        return [_outline(self.numbers[box] == part, np.array([s.start for s in box]))
-                for part, box in enumerate(boxes)]
+        cells = np.argwhere(self.numbers >= 0)
+        part = self.numbers[tuple(cells.T)]
+        low = np.full((len(self.scores), 2), max(self.numbers.shape))
+        high = np.zeros_like(low)
+        np.minimum.at(low, part, cells)
+        np.maximum.at(high, part, cells + 1)
+        return [_outline(self.numbers[r0:r1, c0:c1] == i, np.array([r0, c0]))
+                for i, ((r0, c0), (r1, c1)) in enumerate(zip(low, high))]
 
 
 def decode_parts(output: np.ndarray, valid: np.ndarray,
