@@ -52,7 +52,7 @@ class PartsInMap:
 
     Attributes:
         numbers: (rows, cols) int32, the part that each pixel shows, 0 to k - 1; -1 where none is.
-        centers: (k, 2) float64 row and column: mean of the pixels that show it.
+        centers: (k, 2) float64 row and column of its middle: mean of what its pixels vote for.
         shares: (k,) float64 estimated share that shows.
         scores: (k,) float64 of its middle, 0 to 1.
     """
@@ -85,20 +85,17 @@ def decode_parts(output: np.ndarray, valid: np.ndarray,
     """
     shown = valid & (output[SHOWN] >= _logit(SETTINGS.least_shown))
     middles, scores = _find_middles(output[MIDDLE], valid, threshold)
-    numbers = np.full(valid.shape, -1, np.int32)
-    if len(middles):
-        numbers[shown] = _vote(output, shown, middles)
-    # Keep the middles that enough pixels vote for.
-    pixels = np.bincount(numbers[numbers >= 0], minlength=len(middles))
+    # Let every pixel vote; keep the middles that enough pixels vote for.
+    votes = np.stack(np.nonzero(shown)) + PIXELS_PER_LENGTH * output[[ROWS, COLS]][:, shown]
+    chosen = _nearest_middles(votes, middles, valid.shape)
+    pixels = np.bincount(chosen[chosen >= 0], minlength=len(middles))
     kept = pixels >= SETTINGS.least_px
-    renumbered = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1).astype(np.int32)
-    numbers = renumbered[numbers]
+    chosen = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)[chosen]
+    numbers = np.full(valid.shape, -1, np.int32)
+    numbers[shown] = chosen
     # Average over the pixels of each.
-    of_part = numbers[numbers >= 0]
-    rows, cols = np.nonzero(numbers >= 0)
-    share = _probability(output[SHARE][rows, cols])
-    means = [np.bincount(of_part, values, np.count_nonzero(kept)) / pixels[kept]
-             for values in (rows, cols, share)]
+    means = [np.bincount(chosen[chosen >= 0], values[chosen >= 0], np.count_nonzero(kept))
+             / pixels[kept] for values in (*votes, _probability(output[SHARE][shown]))]
     return PartsInMap(numbers, np.stack(means[:2], axis=1), means[2], scores[kept])
 
 
@@ -124,20 +121,19 @@ def _find_middles(logits: np.ndarray, valid: np.ndarray, threshold: float
     return middles[order], scores[order].astype(float)
 
 
-def _vote(output: np.ndarray, shown: np.ndarray, middles: np.ndarray) -> np.ndarray:
-    """(n,) number of the middle next to where each of n pixels votes for; -1 out of reach."""
-    rows, cols = np.nonzero(shown)
-    limits = np.array(shown.shape)[:, None] - 1
-    votes = np.stack([rows, cols]) + PIXELS_PER_LENGTH * output[[ROWS, COLS]][:, rows, cols]
-    votes = np.clip(np.round(votes), 0, limits).astype(int)
+def _nearest_middles(votes: np.ndarray, middles: np.ndarray, shape: tuple[int, ...]
+                     ) -> np.ndarray:
+    """(n,) number of the middle next to each of (2, n) places; -1 where none is within reach."""
+    if not len(middles):
+        return np.full(votes.shape[1], -1)
     # The middle next to every pixel, and how far it is.
-    elsewhere = np.ones(shown.shape, np.uint8)
+    elsewhere = np.ones(shape, np.uint8)
     elsewhere[tuple(middles.T)] = 0
     distance, labels = cv2.distanceTransformWithLabels(
         elsewhere, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    number = np.zeros(labels.max() + 1, np.int32)
+    number = np.zeros(labels.max() + 1, int)
     number[labels[tuple(middles.T)]] = np.arange(len(middles))
-    row, col = votes
+    row, col = np.clip(np.round(votes), 0, np.array(shape)[:, None] - 1).astype(int)
     near = distance[row, col] <= SETTINGS.reach * PIXELS_PER_LENGTH
     return np.where(near, number[labels[row, col]], -1)
 
