@@ -32,6 +32,7 @@ from stack_counter.train.data.part_tiles import (
     degrade,
     load_part_samples,
 )
+from stack_counter.train.gamma import family_weights
 from stack_counter.train.member import TrainConfig, Training, read_checkpoint
 from stack_counter.train.part_net import PartNet, save_part_net
 from stack_counter.visible_parts.decoding import PartsInMap, decode_parts
@@ -70,9 +71,11 @@ def train_part_net(net: PartNet, learnt: list[PartSample], held_out: list[PartSa
         net: untrained.
         learnt: samples to learn from.
         held_out: samples of families left out.
-        config: epochs, batch, rate, seed and the like; what is the gamma-network's has no effect.
+        config: epochs, batch, rate, weights of families and the like; what is the
+            gamma-network's alone has no effect.
         path: checkpoint.
     """
+    weights = family_weights([s.sample.family for s in learnt], config.family_exponent)
     steps = max(len(learnt) // config.batch, 1)
     training = Training(net, config, steps)
     if path.exists():
@@ -84,8 +87,8 @@ def train_part_net(net: PartNet, learnt: list[PartSample], held_out: list[PartSa
         # Learn an epoch's batches.
         net.train()
         random = np.random.default_rng((config.seed, epoch))
-        batches = PartBatches(learnt, random.choice(len(learnt), (steps, config.batch)),
-                              (config.seed, epoch))
+        chosen = random.choice(len(learnt), (steps, config.batch), p=weights / weights.sum())
+        batches = PartBatches(learnt, chosen, (config.seed, epoch))
         losses = []
         for batch in progress(prepare_ahead(batches, processes), f"{path.stem} epoch {epoch}",
                               "steps", steps):

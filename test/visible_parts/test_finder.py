@@ -5,12 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kits.known_parts import ConstantEstimator
 from kits.part_weights import SHARE_TOLD, write_part_weights
 from safetensors.numpy import save_file
 from scipy.spatial.transform import Rotation
 
 from stack_counter import files, geometry
 from stack_counter.errors import WeightsError
+from stack_counter.parts.catalogue import Part
+from stack_counter.stack_count import count_stack
 from stack_counter.types import Container, HeightMap, StackVolume, ViewTally
 from stack_counter.visible_parts import finder as finder_module
 from stack_counter.visible_parts.finder import FORMAT, VisiblePartFinder, make_finder
@@ -92,3 +95,21 @@ def test_a_file_without_a_threshold_is_refused(tmp_path):
 def test_what_is_shipped_if_it_is_fits_the_limit():
     path = files.shipped_weights(finder_module.SHIPPED)
     assert isinstance(path, Path) and (not path.exists() or path.stat().st_size < 2e6)
+
+
+def test_a_count_carries_them_where_there_is_a_finder(finder):
+    volume, part = stack(), Part(LENGTH**3)
+    count = count_stack(volume, part, ConstantEstimator(1.0), 0.9, finder=finder)
+    assert len(count.visible_parts) == count.count == 3 and "visible_parts" in count.seconds
+    alone = count_stack(volume, part, ConstantEstimator(1.0), 0.9)
+    assert alone.visible_parts is None and "visible_parts" not in alone.seconds
+    assert (alone.count, alone.count_interval) == (count.count, count.count_interval)
+    unread = StackVolume(**{**vars(volume), "top": None})
+    assert count_stack(unread, part, ConstantEstimator(1.0), 0.9,
+                       finder=finder).visible_parts is None
+
+
+def test_an_empty_bin_shows_none_whatever_its_floor_looks_like(finder):
+    volume = StackVolume(**{**vars(stack()), "stack_volume": 0.0})
+    count = count_stack(volume, Part(LENGTH**3), ConstantEstimator(1.0), 0.9, finder=finder)
+    assert count.count == 0 and count.visible_parts == ()
