@@ -113,11 +113,13 @@ class CounterNode(ManagedNode[CounterConfig]):
     def _publish_markers(self, place: TextPlace | None, region: str) -> None:
         """Shows the counts of all regions; `place`: of the region's stack; None if it has none."""
         self._text_places[region] = place or self._text_places.get(region, ORIGIN_PLACE)
-        self._marker.publish(MarkerArray(markers=[
-            marker for number, (name, place) in enumerate(self._text_places.items())
-            if name in self._last
-            for marker in (count_marker(self._last[name], place, number),
-                           visible_marker(self._last[name], number))]))
+        shown = [(self._last[name], place, number)
+                 for number, (name, place) in enumerate(self._text_places.items())
+                 if name in self._last]
+        markers = [count_marker(*count) for count in shown]
+        if self._finder is not None:
+            markers += [visible_marker(count, number) for count, _, number in shown]
+        self._marker.publish(MarkerArray(markers=markers))
 
     def _log_count(self, count: StackCount) -> None:
         """Logs an error, or the count of a scan that has ended with a sentence for each reason."""
