@@ -175,6 +175,9 @@ class CounterConfig:
         "network", "depth_corrected", "depth_extrapolated", "prior", "direct"))
     weights: str = _setting("", "safetensors file of the estimator; empty: the shipped one",
                             path=True)
+    visible_parts_weights: str = _setting("", "safetensors file of what finds the parts that "
+                                              "show; empty: the shipped one, if there is one",
+                                          path=True)
     encoder_weights: str = _setting("", "folder with your own DINOv2 weights, for estimator "
                                         "weights that were trained upon it; empty: none",
                                   path=True)

@@ -40,7 +40,8 @@ class NetworkSession:
         threads = os.environ.get("OMP_NUM_THREADS", "").split(",")[0]
         options.intra_op_num_threads = int(threads) if threads.isdecimal() else 0  # 0: all cores
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-        weights = {name: onnxruntime.OrtValue.ortvalue_from_numpy(values.astype(np.float32))
+        weights = {name: onnxruntime.OrtValue.ortvalue_from_numpy(
+                       values.astype(np.float32, order="C"))  # it takes no other
                    for name, values in tensors.items() if name != GRAPH}
         options.add_external_initializers(list(weights), list(weights.values()))
         try:

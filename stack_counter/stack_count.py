@@ -14,11 +14,13 @@ from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.informed_gamma import estimate_occupancy
 from stack_counter.types import StackCount, StackVolume
+from stack_counter.visible_parts.finder import VisiblePartFinder
 from stack_counter.weighing.joined_count import Weighing, use_weight
 
 
 def count_stack(volume: StackVolume, part: Part, estimator: OccupancyEstimator,
-                confidence: float, weighing: Weighing | None = None) -> StackCount:
+                confidence: float, weighing: Weighing | None = None,
+                finder: VisiblePartFinder | None = None) -> StackCount:
     """Estimates gamma, joined with what is known of the part, and counts.
 
     Args:
@@ -27,6 +29,7 @@ def count_stack(volume: StackVolume, part: Part, estimator: OccupancyEstimator,
         estimator: of gamma.
         confidence: of the interval.
         weighing: of the stack; None where there is no scale.
+        finder: of the parts that show; None where they are not looked for.
 
     Raises:
         ScanError: there is nothing to read gamma from.
@@ -36,4 +39,10 @@ def count_stack(volume: StackVolume, part: Part, estimator: OccupancyEstimator,
     estimate = estimate_occupancy(volume, part, estimator)  # 7. gamma.
     count = make_count(volume, part.unit_volume, estimate, confidence)  # 8. gamma * V / v.
     count = use_weight(count, weighing, part.piece_weight)  # 9. What the scale says.
-    return replace(count, seconds={**volume.seconds, "gamma": time.perf_counter() - begin})
+    counted = time.perf_counter()
+    seconds = {**volume.seconds, "gamma": counted - begin}
+    if finder is not None:  # 10. The parts that show, one by one: in an empty bin there are none.
+        visible = finder.find(volume, part.unit_volume) if count.count else ()
+        seconds["visible_parts"] = time.perf_counter() - counted
+        count = replace(count, visible_parts=visible)
+    return replace(count, seconds=seconds)

@@ -42,6 +42,7 @@ from stack_counter.segmentation.prompts import read_prompts
 from stack_counter.segmentation.scan_labels import ScanLabels
 from stack_counter.stack_count import count_stack
 from stack_counter.types import PartRequest, Reason, StackCount, StackVolume, View, ViewTally
+from stack_counter.visible_parts.finder import VisiblePartFinder, make_finder
 from stack_counter.weighing.joined_count import Weighing
 
 
@@ -53,13 +54,14 @@ class _CountSettings:
     estimator: OccupancyEstimator
     confidence: float
     weigh: Callable[[StackVolume], Weighing | None]
+    finder: VisiblePartFinder | None
 
     def count(self, measured: RegionVolume) -> StackCount:
         """Raises ScanError: there is no volume, or nothing to read gamma from."""
         if measured.volume is None:
             raise ScanError(measured.error)
         return count_stack(measured.volume, self.part, self.estimator, self.confidence,
-                           self.weigh(measured.volume))
+                           self.weigh(measured.volume), self.finder)
 
 
 def count_bag(path: str | Path, *, part: str = "", unit_volume: float = 0.0,
@@ -124,7 +126,8 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
     bag = BagViews(path, config.collector, time_range)
     config = with_scale_of_bag(config, bag.reader)
     settings = _CountSettings(part, estimator or make_estimator(config.counter),
-                              config.counter.confidence, _scale_of(bag, config))
+                              config.counter.confidence, _scale_of(bag, config),
+                              make_finder(config.counter.visible_parts_weights))
     counters = RegionCounters(config.reconstructor, part.unit_volume)
     loaded = time.perf_counter()
     # Count, and add where the time went.

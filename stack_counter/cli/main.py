@@ -47,6 +47,7 @@ _EVALUATIONS = {
     "parts": "of counts where the part's CAD file or a counted bin is known",
     "acceptance": "which solids of a library `part add` takes",
     "template": "of v from pieces on a table",
+    "visible": "of the parts that show, located one by one",
     "volume": "of V and the container",
     "weight": "of counts where a scale is under the container, and of wrong bins on it",
     "labels": "of the labels that segmenters give",

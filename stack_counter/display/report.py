@@ -15,6 +15,7 @@ from stack_counter.display.drawings import draw_container, draw_heights, draw_la
 from stack_counter.display.filling_level import filling_level_as_dict
 from stack_counter.display.page.subject import ReportSubject
 from stack_counter.display.result_schema import SCHEMA_VERSION, STAGES
+from stack_counter.display.visible_parts import visible_parts_as_dict, visible_text
 from stack_counter.types import Container, Reason, StackCount
 
 # Phrases for the sources of gamma; {} is the number of counted scans.
@@ -52,7 +53,7 @@ def as_dict(count: StackCount, counts: list[dict[str, Any]]) -> dict[str, Any]:
         "counted_scans": count.counted_scans,
         "count_sources": [{"source": s.source, "count": s.count, "share": s.share,
                            "count_interval": list(s.count_interval)} for s in count.sources],
-        "net_weight_kg": count.net_weight_kg,
+        "net_weight_kg": count.net_weight_kg, **visible_parts_as_dict(count.visible_parts),
         "status": count.status, "reasons": list(count.reasons),
         "counts": counts,
         "seconds": {stage: count.seconds.get(stage, 0.0) for stage in STAGES},
@@ -73,6 +74,8 @@ def as_text(count: StackCount, true_count: int | None) -> str:
     if true_count is not None:
         error = f" (error {(count.count - true_count) / true_count:+.1%})" if true_count else ""
         lines.append(f"true count {true_count}{error}")
+    if count.visible_parts is not None:
+        lines.append(f"visible    {visible_text(count)}")
     # What it was computed from.
     if len(count.sources) > 1:
         lines.append(f"sources    {sources_text(count)}")

@@ -111,6 +111,8 @@ _COUNT = {
     "count_sources": _SOURCES,
     "net_weight_kg": {"type": ["number", "null"],
                       "description": "weight of the parts, kg; null: none was used"},
+    "visible_count": {"type": ["integer", "null"], "minimum": 0, "description":
+                      "parts that show from straight above; null: none were looked for"},
     "estimator": _value("string", "who said gamma"),
     "gamma_shares": _numbers_by_name("number", "how much each source of gamma weighed"),
     "counted_scans": _value("integer", "counted scans of the part that gamma rests on",
@@ -119,6 +121,18 @@ _COUNT = {
     "reasons": _texts("slugs of what qualifies the count: docs/reasons.md"),
     "seconds": _object({stage: _value("number", "s", minimum=0) for stage in STAGES}),
 }
+_VISIBLE_PARTS = {"visible_parts": {
+    "type": ["array", "null"], "description": "parts that show from straight above, the surest "
+                                              "first; null: none were looked for",
+    "items": _object({
+        "position_m": _numbers(3, "middle of what shows of it, and its mean height, world, m"),
+        "outline_m": {"type": "array", "description": "x and y of the corners around the largest "
+                                                      "piece of what shows of it, world, m",
+                      "items": _numbers(2, "x, y")},
+        "share_visible": _value("number", "share of it that shows, of what would if nothing lay "
+                                          "on it", minimum=0, maximum=1),
+        "score": _value("number", "how sure it is that a part is there", minimum=0,
+                        maximum=1)})}}
 _STAMP = _value("integer", "stamp of the view's image, or of the cycle, ns")
 _MISSING = _texts("cameras of the rig that gave this cycle no view")
 _NO_VALUE = {"type": "null"}
@@ -168,7 +182,8 @@ FLAT_FIELDS = {name: schema for name, schema, _ in _single_values(_FLAT, None, "
 _DEFINITIONS = {
     "count": _object({"schema_version": _VERSION, **_COUNT}),
     "failure": _object(_FAILURE),
-    "result": {"allOf": [{"$ref": "#/$defs/count"}, _object({**_CELLS, "counts": _COUNTS})]},
+    "result": {"allOf": [{"$ref": "#/$defs/count"}, _object({**_CELLS, **_VISIBLE_PARTS,
+                                                               "counts": _COUNTS})]},
     "regions": _object({
         "schema_version": _VERSION,
         "regions": {"type": "array", "items": {

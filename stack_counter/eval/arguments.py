@@ -173,6 +173,21 @@ def _add_template_arguments(parser: argparse.ArgumentParser) -> None:
     Workers.add_arguments(parser)
 
 
+def _add_visible_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `evaluate visible`."""
+    _add_set_argument(parser)
+    parser.add_argument("--scenes", type=int, metavar="N", help="only the first N")
+    parser.add_argument("--depth", choices=("ideal", "noisy", "pictures"), default="noisy",
+                        help="as for `evaluate count`")
+    parser.add_argument("--views", type=int, default=12, metavar="N", help="of each recording")
+    parser.add_argument("--weights", type=Path, metavar="PATH",
+                        help="of the network that finds parts (default: the shipped one)")
+    Workers.add_arguments(parser)
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
+    parser.add_argument("--pictures", type=Path, metavar="DIR",
+                        help="draw what was found in each scene here, over the surface")
+
+
 def _add_volume_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `evaluate volume`."""
     _add_set_argument(parser)
@@ -215,6 +230,7 @@ ADD_ARGUMENTS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "robustness": _add_robustness_arguments,
     "surface": _add_surface_arguments,
     "template": _add_template_arguments,
+    "visible": _add_visible_arguments,
     "volume": _add_volume_arguments,
     "weight": _add_weight_arguments,
 }

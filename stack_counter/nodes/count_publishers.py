@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The topics that counts go out on: `result`, as JSON too, `running_count`, and `count` of old."""
+"""The topics of counts: `result`, as JSON too, `running_count`, `visible_parts`, and `count`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from rclpy.publisher import Publisher
-from stack_counter_msgs.msg import StackCount, StackVolume
+from stack_counter_msgs.msg import StackCount, StackVolume, VisibleParts
 from std_msgs.msg import String
 
+from stack_counter.ros.count_fields import to_visible_parts
 from stack_counter.ros.lifecycle import ManagedNode
 from stack_counter.ros.qos import FINAL_TOPICS, LATCHED_NEWEST, RELIABLE, RESULT_JSON
 from stack_counter.ros.result_line import to_flat_json
@@ -34,14 +35,17 @@ class CountPublishers:
     other; how many regions there are only the reconstructor knows.
     """
 
-    def __init__(self, node: ManagedNode, with_json: bool):
+    def __init__(self, node: ManagedNode, with_json: bool, with_visible_parts: bool):
         """Makes the publishers of a node that is being set up.
 
         Args:
             node: publishes.
             with_json: whether final counts go out as JSON as well.
+            with_visible_parts: whether the parts that show are looked for, and go out.
         """
         self._node, self._with_json = node, with_json
+        self._visible = node.advertise(VisibleParts, "visible_parts", LATCHED_NEWEST) \
+            if with_visible_parts else None
         self._running = node.advertise(StackCount, "running_count", RELIABLE)
         self._final = {"": self._advertise_final()}  # by region
 
@@ -57,6 +61,8 @@ class CountPublishers:
             count: what is published.
             volume: what it was counted from.
         """
+        if self._visible is not None and not count.error:
+            self._visible.publish(to_visible_parts(count))
         if not count.final:
             self._running.publish(count)
             return

@@ -28,12 +28,19 @@ from stack_counter.ros.conversions import (
 )
 from stack_counter.ros.diagnostics import ERROR, OK, WARN, data_age_s
 from stack_counter.ros.lifecycle import ManagedNode, run
-from stack_counter.ros.markers import ORIGIN_PLACE, TextPlace, count_marker, text_place
+from stack_counter.ros.markers import (
+    ORIGIN_PLACE,
+    TextPlace,
+    count_marker,
+    text_place,
+    visible_marker,
+)
 from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.qos import LATCHED_ALL, LATCHED_NEWEST
 from stack_counter.ros.verdicts import set_verdict
 from stack_counter.stack_count import count_stack
 from stack_counter.views.decoding import stamp_ns
+from stack_counter.visible_parts.finder import make_finder
 
 _LEVELS = {StackCount.STATUS_OK: OK, StackCount.STATUS_DEGRADED: WARN,
            StackCount.STATUS_ERROR: ERROR}
@@ -55,8 +62,9 @@ class CounterNode(ManagedNode[CounterConfig]):
         self._config = config
         self._check_part(config)
         self._estimator = make_estimator(config)
+        self._finder = make_finder(config.visible_parts_weights)
         self._last: dict[str, StackCount] = {}  # of the last scan, by region
-        self._counts = CountPublishers(self, config.result_json)
+        self._counts = CountPublishers(self, config.result_json, self._finder is not None)
         self._marker = self.advertise(MarkerArray, "count_marker", LATCHED_NEWEST)
         # Of the last stack of each region: an error is written there as well.
         self._text_places: dict[str, TextPlace] = {}
@@ -69,8 +77,8 @@ class CounterNode(ManagedNode[CounterConfig]):
         self.on_cleanup_call(self._release_estimator)
 
     def _release_estimator(self) -> None:
-        """Frees the memory of the network."""
-        del self._estimator
+        """Frees the memory of the networks."""
+        del self._estimator, self._finder
 
     def apply_runtime_config(self, config: CounterConfig) -> None:
         """Has part, confidence and expected count hold from the next count on.
@@ -114,10 +122,13 @@ class CounterNode(ManagedNode[CounterConfig]):
     def _publish_markers(self, place: TextPlace | None, region: str) -> None:
         """Shows the counts of all regions; `place`: of the region's stack; None if it has none."""
         self._text_places[region] = place or self._text_places.get(region, ORIGIN_PLACE)
-        self._marker.publish(MarkerArray(markers=[
-            count_marker(self._last[name], place, number)
-            for number, (name, place) in enumerate(self._text_places.items())
-            if name in self._last]))
+        shown = [(self._last[name], place, number)
+                 for number, (name, place) in enumerate(self._text_places.items())
+                 if name in self._last]
+        markers = [count_marker(*count) for count in shown]
+        if self._finder is not None:
+            markers += [visible_marker(count, number) for count, _, number in shown]
+        self._marker.publish(MarkerArray(markers=markers))
 
     def _log_count(self, count: StackCount) -> None:
         """Logs an error, or the count of a scan that has ended with a sentence for each reason."""
@@ -145,7 +156,7 @@ class CounterNode(ManagedNode[CounterConfig]):
                 return failed_count(message.error, message)
             result = count_stack(from_stack_volume(message), known_part, self._estimator,
                                  self._action.requested_confidence(message.scan_id),
-                                 self._scale.weighing(self._config))
+                                 self._scale.weighing(self._config), self._finder)
         except StackCounterError as error:
             return failed_count(message.error or str(error), message)
         except Exception as error:  # a volume that nobody expected must not go without an answer

@@ -26,7 +26,9 @@ from stack_counter.ros.count_fields import (
     filling_level_of,
     from_sources,
     set_filling_level,
+    set_visible_parts,
     to_sources,
+    visible_parts_of,
 )
 from stack_counter.ros.part_fields import from_part_fields, to_part_fields
 from stack_counter.ros.standard_messages import to_camera_info, to_header, to_image, to_pose
@@ -267,6 +269,7 @@ def to_stack_count(count: StackCount, request: StackVolumeMsg) -> StackCountMsg:
     message.seconds = to_seconds(count.seconds)
     message.count_sources = to_sources(count.sources)
     message.net_weight = math.nan if count.net_weight_kg is None else count.net_weight_kg
+    set_visible_parts(message, count.visible_parts)
     return message
 
 
@@ -280,7 +283,8 @@ def from_stack_count(message: StackCountMsg, volume: StackVolume) -> StackCount:
         gamma_shares=dict(zip(message.gamma_sources, message.gamma_shares)),
         reasons=from_reasons(message.reasons), status=_STATUS_NAMES[message.status],
         seconds=from_seconds(message.seconds), sources=from_sources(message.count_sources),
-        net_weight_kg=None if math.isnan(message.net_weight) else message.net_weight)
+        net_weight_kg=None if math.isnan(message.net_weight) else message.net_weight,
+        visible_parts=visible_parts_of(message))
 
 
 def failed_count(error: str, request: StackVolumeMsg) -> StackCountMsg:
@@ -293,5 +297,6 @@ def failed_count(error: str, request: StackVolumeMsg) -> StackCountMsg:
         missing_cameras=request.missing_cameras, status=StackCountMsg.STATUS_ERROR,
         reasons=request.reasons, error=error, seconds=request.seconds, region=request.region,
         view_agreement=request.view_agreement, net_weight=math.nan)
+    set_visible_parts(message, None)
     copy_filling_level(message, request)
     return message

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What volumes and counts say besides their numbers: filling level, and what each source counts.
+"""What volumes and counts say besides their numbers: filling level, sources, visible parts.
 
 `StackVolume` and `StackCount` have the fields of the filling level both.
 """
@@ -8,15 +8,25 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
-from geometry_msgs.msg import Point
+import numpy as np
+from geometry_msgs.msg import Point, Point32, Polygon
 from stack_counter_msgs.msg import CellFillingLevel as CellMsg
-from stack_counter_msgs.msg import GridSize, Rectangle
+from stack_counter_msgs.msg import GridSize, Rectangle, VisibleParts
 from stack_counter_msgs.msg import RangeValue as RangeMsg
 from stack_counter_msgs.msg import SourceCount as SourceCountMsg
 from stack_counter_msgs.msg import StackCount as StackCountMsg
 from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
+from stack_counter_msgs.msg import VisiblePart as VisiblePartMsg
 
-from stack_counter.types import CellFillingLevel, FillingLevel, RangeValue, SourceCount
+from stack_counter.types import (
+    CellFillingLevel,
+    FillingLevel,
+    RangeValue,
+    SourceCount,
+    VisiblePart,
+)
+
+_NOT_LOOKED_FOR = -1  # visible_count where there are none because nobody looked
 
 WithFillingLevel: TypeAlias = "StackCountMsg | StackVolumeMsg"
 
@@ -82,3 +92,38 @@ def from_sources(messages: list[SourceCountMsg]) -> tuple[SourceCount, ...]:
     """Returns what each source counts, of its messages."""
     return tuple(SourceCount(m.source, m.count, (m.count_low, m.count_high), m.share)
                  for m in messages)
+
+
+def set_visible_parts(message: StackCountMsg, parts: tuple[VisiblePart, ...] | None) -> None:
+    """Sets the fields of the parts that show; None: they were not looked for."""
+    message.visible_count = _NOT_LOOKED_FOR if parts is None else len(parts)
+    message.visible_parts = [_to_visible_part(part, i) for i, part in enumerate(parts or ())]
+
+
+def visible_parts_of(message: StackCountMsg) -> tuple[VisiblePart, ...] | None:
+    """Returns the parts that show, of a message; None if they were not looked for."""
+    if message.visible_count == _NOT_LOOKED_FOR:
+        return None
+    return tuple(map(_from_visible_part, message.visible_parts))
+
+
+def to_visible_parts(count: StackCountMsg) -> VisibleParts:
+    """Returns the message of the topic `visible_parts` of a count for which they were found."""
+    return VisibleParts(header=count.header, scan_id=count.scan_id, region=count.region,
+                        final=count.final, part=count.part, parts=count.visible_parts)
+
+
+def _to_visible_part(part: VisiblePart, number: int) -> VisiblePartMsg:
+    x, y, z = part.position.tolist()
+    width, length, _ = np.ptp(part.outline, axis=0).tolist()
+    return VisiblePartMsg(
+        id=str(number), score=part.score, position=Point(x=x, y=y, z=z),
+        size=Rectangle(x=width, y=length), share_visible=part.share_visible,
+        outline=Polygon(points=[Point32(x=a, y=b, z=c) for a, b, c in part.outline.tolist()]))
+
+
+def _from_visible_part(message: VisiblePartMsg) -> VisiblePart:
+    position = message.position
+    outline = np.array([[p.x, p.y, p.z] for p in message.outline.points]).reshape(-1, 3)
+    return VisiblePart(np.array([position.x, position.y, position.z]), outline,
+                       message.share_visible, message.score)

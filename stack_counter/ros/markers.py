@@ -24,7 +24,7 @@ from stack_counter.types import Mesh, StackVolume, View
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
 
 ORANGE, WHITE, BLUE = (1.0, 0.6, 0.1), (0.8, 0.8, 0.8), (0.2, 0.6, 1.0)
-GREEN, RED = (0.3, 0.9, 0.3), (1.0, 0.25, 0.2)
+GREEN, RED, YELLOW = (0.3, 0.9, 0.3), (1.0, 0.25, 0.2), (0.95, 0.9, 0.25)
 _STATUS_COLORS = {StackCount.STATUS_OK: GREEN, StackCount.STATUS_DEGRADED: ORANGE,
                   StackCount.STATUS_ERROR: RED}
 
@@ -180,6 +180,22 @@ def count_marker(count: StackCount, place: TextPlace, number: int = 0) -> Marker
         header=count.header, ns="count", id=number, type=Marker.TEXT_VIEW_FACING,
         pose=Pose(position=Point(x=x, y=y, z=z + lift)), scale=Vector3(z=place.letter_m),
         color=_to_color(_STATUS_COLORS[count.status]), text=text)
+
+
+def visible_marker(count: StackCount, number: int = 0) -> Marker:
+    """Returns the outlines of the parts that show as lines; what takes them away where none do.
+
+    Args:
+        count: whose parts are shown.
+        number: of the marker, which differs for each region.
+    """
+    if not any(len(part.outline.points) for part in count.visible_parts):
+        return Marker(header=count.header, ns="visible_parts", id=number, action=Marker.DELETE)
+    outlines = [np.array([[p.x, p.y, p.z] for p in part.outline.points])
+                for part in count.visible_parts]
+    ends = np.concatenate([np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)
+                           for outline in outlines])
+    return _line_marker("visible_parts", ends, YELLOW, count.header, number)
 
 
 def count_text(count: StackCount) -> str:

@@ -30,8 +30,8 @@ def result_line(count: StackCount, volume: StackVolume) -> dict[str, Any]:
                 "views": {"received": tally.received, "used": tally.used,
                           "skipped": tally.skipped}, "reasons": list(count.reasons)}
     result = as_dict(from_stack_count(count, from_stack_volume(volume)), [])
-    for key in ("counts", "cells_filling_levels", "filling_level_cell_count"):
-        del result[key]  # what is long: running counts, and the cells of the overall level
+    for key in ("counts", "cells_filling_levels", "filling_level_cell_count", "visible_parts"):
+        del result[key]  # what is long: running counts, cells of the overall level, parts
     return {**line, **result}
 
 

@@ -21,7 +21,7 @@ from stack_counter.sim.camera.recording import (
 from stack_counter.sim.hard.kinds import HARD_KINDS, hard_kind, make_hard_scan
 from stack_counter.sim.hard.piles import read_piles
 from stack_counter.sim.hard.scan import HardScan
-from stack_counter.sim.ideal import IdealSurface, ideal_surface
+from stack_counter.sim.ideal import IdealSurface, ideal_surface, surface_grid
 from stack_counter.sim.physics.collision import convex_pieces, rough_form
 from stack_counter.sim.physics.container_draws import draw_deep_container
 from stack_counter.sim.physics.decomposition.form import PieceForm, measure_form
@@ -46,6 +46,7 @@ from stack_counter.sim.scenes.truth import Truth
 from stack_counter.sim.shapes import Shape, ShapeError, make_shape, shape_from_mesh
 from stack_counter.sim.shapes.library import load_shapes, open_library, source_of
 from stack_counter.sim.shapes.simplify import simplify_solid
+from stack_counter.sim.view_from_above import PartsFromAbove, match_parts, parts_from_above
 
 __all__ = [
     "CAMERA",
@@ -59,6 +60,7 @@ __all__ = [
     "HardScan",
     "IdealSurface",
     "KeyPicture",
+    "PartsFromAbove",
     "PieceForm",
     "RayCaster",
     "Scene",
@@ -75,9 +77,11 @@ __all__ = [
     "load_shapes",
     "make_hard_scan",
     "make_shape",
+    "match_parts",
     "max_simulated_parts",
     "measure_form",
     "open_library",
+    "parts_from_above",
     "picture_key_view",
     "read_piles",
     "read_scenes",
@@ -95,4 +99,5 @@ __all__ = [
     "simplify_solid",
     "simulate_pile",
     "source_of",
+    "surface_grid",
 ]

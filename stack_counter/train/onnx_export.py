@@ -27,8 +27,8 @@ class OnnxExportSettings:
     """How a graph is checked.
 
     Attributes:
-        max_difference: largest difference of an output from torch's; chosen. Measured for the
-            shipped networks: 5e-7.
+        max_difference: largest difference of an output from torch's, relative for values above
+            1; chosen. Measured for the shipped networks: 5e-7.
         batch: number of random inputs for which outputs are compared; chosen.
     """
 
@@ -63,12 +63,15 @@ def export_ensemble(members: Sequence[nn.Module]) -> np.ndarray:
     return export_graph(StackedNets(members).eval(), INPUTS)
 
 
-def export_graph(net: nn.Module, shapes: Mapping[str, Sequence[int]]) -> np.ndarray:
+def export_graph(net: nn.Module, shapes: Mapping[str, Sequence[int]], stride: int = 0
+                 ) -> np.ndarray:
     """Exports a network, and checks what ONNX Runtime makes of it.
 
     Args:
         net: in evaluation mode; it takes the inputs in their order, and gives several outputs.
         shapes: of an input without its batch, by name.
+        stride: of a network that takes maps of any size: of what their last two sides are
+            multiples; 0: they are fixed.
 
     Returns:
         (n,) uint8, the graph for any size of the batch.
@@ -76,10 +79,13 @@ def export_graph(net: nn.Module, shapes: Mapping[str, Sequence[int]]) -> np.ndar
     Raises:
         WeightsError: as for `check_graph`.
     """
+    dynamic = {0: torch.export.Dim("batch")}
+    if stride:
+        dynamic |= {axis: stride * torch.export.Dim(f"cells_{axis}") for axis in (2, 3)}
     program = torch.onnx.export(
         net, tuple(map(torch.from_numpy, _random_inputs(shapes).values())), dynamo=True,
         optimize=False, verbose=False, input_names=list(shapes),
-        dynamic_shapes=tuple({0: torch.export.Dim("batch")} for _ in shapes))
+        dynamic_shapes=tuple(dynamic for _ in shapes))
     graph = _without_weights(program.model_proto, set(net.state_dict()))
     check_graph(graph, net, shapes)
     return graph
@@ -97,7 +103,8 @@ def check_graph(graph: np.ndarray, net: nn.Module, shapes: Mapping[str, Sequence
     session = NetworkSession(Path("the network"), {GRAPH: graph, **weights})
     with torch.inference_mode():
         expected = net(*map(torch.from_numpy, inputs.values()))
-    difference = max(float(np.abs(ours.numpy() - theirs).max(initial=0))
+    difference = max(float((np.abs(ours.numpy() - theirs)
+                            / np.maximum(np.abs(theirs), 1)).max(initial=0))
                      for ours, theirs in zip(expected, session(**inputs)))
     if not difference <= SETTINGS.max_difference:
         raise WeightsError(f"ONNX Runtime differs by {difference:.2g} from torch; expected at "

@@ -30,6 +30,7 @@ from stack_counter.types.views import (
     View,
     ViewTally,
 )
+from stack_counter.types.visible_parts import VisiblePart
 
 __all__ = [
     "BACKGROUND",
@@ -58,5 +59,6 @@ __all__ = [
     "UNSEEN",
     "View",
     "ViewTally",
+    "VisiblePart",
     "WallShape",
 ]

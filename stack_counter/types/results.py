@@ -12,6 +12,7 @@ from stack_counter.types.filling_level import FillingLevel
 from stack_counter.types.reasons import Reason
 from stack_counter.types.shapes import Container, HeightMap, Mesh
 from stack_counter.types.views import KeyView, ViewTally
+from stack_counter.types.visible_parts import VisiblePart
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +143,8 @@ class StackCount:
             that came by message.
         sources: what each source alone says, vision first.
         net_weight_kg: weight of the parts, kg; None where no weight was used.
+        visible_parts: those that show from straight above, the surest first; None where none were
+            looked for: there is no network for it, or no surface that it could read.
     """
 
     count: int
@@ -160,3 +163,4 @@ class StackCount:
     distribution: np.ndarray | None = None
     sources: tuple[SourceCount, ...] = ()
     net_weight_kg: float | None = None
+    visible_parts: tuple[VisiblePart, ...] | None = None

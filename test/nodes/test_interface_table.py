@@ -4,6 +4,7 @@
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from kits.interface_table import SPACE, full, table
+from kits.part_weights import write_part_weights
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -42,9 +43,10 @@ def value(x):
 
 
 @pytest.fixture(scope="module")
-def ros(ros_of_module):
+def ros(ros_of_module, tmp_path_factory):
     """Three nodes and who looks at them."""
-    counter = {"estimator": "prior", "result_json": "true"}
+    counter = {"estimator": "prior", "result_json": "true", "visible_parts_weights": str(
+        write_part_weights(tmp_path_factory.mktemp("weights") / "visible.safetensors"))}
     for name in SETTINGS:
         ros_of_module.start(name, **(counter if name == "counter" else {}))
     return ros_of_module

@@ -19,7 +19,7 @@ LATCHED = {"/stack_counter/surface", "/stack_counter/markers", "/stack_counter/c
 DISPLAYS = {"PointCloud2": "sensor_msgs/msg/PointCloud2", "Image": "sensor_msgs/msg/Image",
             "MarkerArray": "visualization_msgs/msg/MarkerArray"}
 NAMESPACES = {"/stack_counter/markers": {"container", "region", "cameras", "surface"},
-              "/stack_counter/count_marker": {"count"}}
+              "/stack_counter/count_marker": {"count", "visible_parts"}}
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,7 @@ from stack_counter_msgs.srv import StartScan
 
 from stack_counter import geometry
 from stack_counter.ros import conversions as convert
+from stack_counter.ros.count_fields import to_visible_parts
 from stack_counter.ros.part_fields import from_part_fields, to_part_fields
 from stack_counter.ros.standard_messages import to_header, to_image, to_time
 from stack_counter.ros.verdicts import set_verdict
@@ -32,6 +33,7 @@ from stack_counter.types import (
     StackVolume,
     View,
     ViewTally,
+    VisiblePart,
 )
 
 # Fields that no message carries: what only drawings and reports of the same process show.
@@ -70,6 +72,12 @@ def example_cell(seed):
         RangeValue(*random.random(3).tolist()) for _ in range(2)), coverage=float(random.random()))
 
 
+def example_visible_part(seed):
+    """A part whose outline is in steps that single precision has."""
+    random = np.random.default_rng(seed)
+    return VisiblePart(random.random(3), random.integers(0, 999, (5, 3)) / 1024, 0.75, 0.5)
+
+
 def examples():
     """One object of every type that is sent; no field has its default value."""
     intrinsics = Intrinsics(6, 4, 610.5, 611.5, 2.5, 1.5, "plumb_bob",
@@ -97,7 +105,8 @@ def examples():
         reasons=(Reason.NO_DEPTH, Reason("of_a_newer_node")),
         gamma_shares={"estimator": 0.75, "piles": 0.25}, counted_scans=3, seconds={"gamma": 0.125},
         sources=(SourceCount("vision", 402, (380, 440), 0.2),
-                 SourceCount("weight", 414, (412, 417), 0.8)), net_weight_kg=1.25)
+                 SourceCount("weight", 414, (412, 417), 0.8)), net_weight_kg=1.25,
+        visible_parts=(example_visible_part(13), example_visible_part(14)))
     return {type(example).__name__: example for example in
             (intrinsics, view, container, top, key_view, tally, volume, count)}
 
@@ -149,6 +158,10 @@ def assert_same(received, sent, name):
             if field.name not in NOT_SENT.get(type(sent).__name__, ()):
                 assert_same(getattr(received, field.name), getattr(sent, field.name),
                             f"{name}.{field.name}")
+    elif isinstance(sent, tuple):
+        assert len(received) == len(sent), name
+        for one, other in zip(received, sent):
+            assert_same(one, other, name)
     elif isinstance(sent, np.ndarray):
         assert received.dtype == sent.dtype, name
         np.testing.assert_allclose(received, sent, rtol=0, atol=1e-12, err_msg=name)
@@ -202,6 +215,25 @@ def test_volume_without_maps_and_key_view_stays_without():
 def test_a_count_without_a_weight_stays_without():
     count = dataclasses.replace(examples()["StackCount"], net_weight_kg=None)
     assert received_count(count).net_weight_kg is None
+
+
+@pytest.mark.parametrize("parts", [None, ()])
+def test_parts_that_were_not_looked_for_are_told_from_none_that_show(parts):
+    count = dataclasses.replace(examples()["StackCount"], visible_parts=parts)
+    assert received_count(count).visible_parts == parts
+
+
+def test_parts_that_show_have_places_of_their_own_in_the_message():
+    volume = convert.to_stack_volume(examples()["StackVolume"], "base_link", REQUEST, final=True)
+    count = convert.to_stack_count(examples()["StackCount"], volume)
+    message = through_dds(to_visible_parts(count))
+    assert [part.id for part in message.parts] == ["0", "1"] and count.visible_count == 2
+    assert (message.scan_id, message.header.frame_id) == ("scan 1", "base_link")
+    outline = examples()["StackCount"].visible_parts[0].outline
+    size = message.parts[0].size
+    assert [size.x, size.y] == np.ptp(outline[:, :2], axis=0).tolist()
+    failed = convert.failed_count("dark", volume)
+    assert failed.visible_count == -1 and not failed.visible_parts
 
 
 def test_a_volume_is_sent_with_what_its_scan_asked_for():

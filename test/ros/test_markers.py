@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import Point32, Polygon
 from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
-from stack_counter_msgs.msg import PosedImage, StackCount
+from stack_counter_msgs.msg import PosedImage, StackCount, VisiblePart
 from visualization_msgs.msg import Marker
 
 from stack_counter import geometry
@@ -20,6 +21,7 @@ from stack_counter.ros.markers import (
     surface_marker,
     surface_points,
     text_place,
+    visible_marker,
 )
 from stack_counter.ros.standard_messages import to_header
 from stack_counter.types import (
@@ -201,3 +203,15 @@ def test_text_is_placed_above_rim_stack_or_hull():
     failed = to_stack_volume(volume(), "cell", PosedImage(), final=True)
     failed.error = "2 views used"
     assert text_place(failed) is None
+
+
+def test_parts_that_show_are_outlined_and_go_when_none_do():
+    triangle = Polygon(points=[Point32(x=x, y=y, z=0.5) for x, y in ((0.0, 0), (1, 0), (0, 1))])
+    count = StackCount(header=HEADER, visible_parts=[VisiblePart(outline=triangle)] * 2)
+    marker = visible_marker(count, 3)
+    assert (marker.ns, marker.id, marker.action) == ("visible_parts", 3, Marker.ADD)
+    assert marker.header == HEADER and len(marker.points) == 2 * 3 * 2
+    assert points(marker)[:6].tolist() == [[0, 0, .5], [1, 0, .5], [1, 0, .5], [0, 1, .5],
+                                           [0, 1, .5], [0, 0, .5]]
+    gone = visible_marker(StackCount(header=HEADER), 3)
+    assert (gone.ns, gone.id, gone.action) == ("visible_parts", 3, Marker.DELETE)

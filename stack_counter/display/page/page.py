@@ -14,6 +14,7 @@ from stack_counter import __version__
 from stack_counter.display.page import charts, pictures, viewer
 from stack_counter.display.page.poster import SETTINGS as POSTER
 from stack_counter.display.page.subject import ReportSubject
+from stack_counter.display.visible_parts import visible_text
 from stack_counter.types import StackCount
 
 _STAGES = {"load": "imports and weights", "read": "reading", "segment": "labels",
@@ -43,7 +44,7 @@ def render_page(count: StackCount, subject: ReportSubject, glb: bytes, poster: s
         style=viewer.page_style(), policy=viewer.security_policy(*scripts),
         model=pictures.data_uri("model/gltf-binary", glb) if glb else "",
         orbits=_orbits(count), poster=poster, poster_size=POSTER.size_px,
-        key=pictures.key_picture(volume), top=pictures.height_picture(volume),
+        key=pictures.key_picture(count), top=pictures.height_picture(volume),
         grid=charts.fill_grid(volume), histogram=charts.count_histogram(count),
         gamma_shares=_gamma_shares(count), volume_shares=_volume_shares(count),
         stages=_stages(count), settings=subject.setting_rows(), facts=_facts(count),
@@ -103,6 +104,8 @@ def _facts(count: StackCount) -> list[tuple[str, str]]:
         facts += [(f"Count by {s.source} alone", f"{s.count} ({s.count_interval[0]} to "
                    f"{s.count_interval[1]}), weighs {s.share:.1%}") for s in count.sources]
     facts += [("Footprint seen", f"{volume.coverage:.0%}")]
+    if count.visible_parts is not None:
+        facts.append(("Of the count", visible_text(count)))
     if volume.view_agreement_m:
         facts.append(("Views apart", f"{1000 * volume.view_agreement_m:.1f} mm"))
     if volume.missing_cameras:

@@ -12,7 +12,8 @@ import numpy as np
 from stack_counter import geometry
 from stack_counter.display.drawings import LABEL_TINTS, height_colors
 from stack_counter.display.page.surfaces import container_rings
-from stack_counter.types import UNSEEN, KeyView, StackVolume
+from stack_counter.display.visible_parts import outlines_in_view
+from stack_counter.types import UNSEEN, KeyView, StackCount, StackVolume
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ class KeyPicture:
         photo: data URI of the picture; of the labels in grey where there is no colour.
         labels: data URI of the tinted labels, else transparent.
         outlines: lines of the container's inner wall: `x,y x,y ...`, pixels.
+        parts: outlines of the parts that show, the same.
     """
 
     width: int
@@ -55,6 +57,7 @@ class KeyPicture:
     photo: str
     labels: str
     outlines: tuple[str, ...]
+    parts: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -78,9 +81,9 @@ class HeightPicture:
     scale_cells: float
 
 
-def key_picture(volume: StackVolume) -> KeyPicture | None:
+def key_picture(count: StackCount) -> KeyPicture | None:
     """Returns the key view in layers; None where no view showed parts."""
-    view = volume.key_view
+    volume, view = count.volume, count.volume.key_view
     if view is None or not view.labels.size:
         return None
     if view.color is not None:
@@ -96,7 +99,9 @@ def key_picture(volume: StackVolume) -> KeyPicture | None:
     if shrink < 1:
         photo = cv2.resize(photo, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
         tints = cv2.resize(tints, photo.shape[1::-1], interpolation=cv2.INTER_NEAREST)
-    return KeyPicture(width, height, webp_uri(photo), png_uri(tints), _outlines(volume, view))
+    parts = outlines_in_view(count.visible_parts or (), view)
+    return KeyPicture(width, height, webp_uri(photo), png_uri(tints), _outlines(volume, view),
+                      tuple(map(_svg_points, parts)))
 
 
 def _outlines(volume: StackVolume, view: KeyView) -> tuple[str, ...]:
@@ -111,7 +116,12 @@ def _outlines(volume: StackVolume, view: KeyView) -> tuple[str, ...]:
     step = max(pixels.shape[1] // SETTINGS.max_lines, 1)
     lines = [*(np.concatenate([ring, ring[:1]]) for ring in (pixels[0], pixels[-1])),
              *(pixels[:, i] for i in range(0, pixels.shape[1], step))]
-    return tuple(" ".join(f"{x + 0.5:.1f},{y + 0.5:.1f}" for x, y in line) for line in lines)
+    return tuple(map(_svg_points, lines))
+
+
+def _svg_points(line: np.ndarray) -> str:
+    """Returns (n, 2) pixels, whose middles are whole numbers, as points of an SVG."""
+    return " ".join(f"{x + 0.5:.1f},{y + 0.5:.1f}" for x, y in line)
 
 
 def height_picture(volume: StackVolume) -> HeightPicture | None:

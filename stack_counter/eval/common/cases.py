@@ -20,8 +20,14 @@ from stack_counter.eval.common.plot import plot_complexity
 from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
 from stack_counter.occupancy.known_form import form_of_mesh
-from stack_counter.occupancy.maps import PIXELS_PER_LENGTH
-from stack_counter.sim import Scene, Shape, ideal_surface, reconstruct, reconstruct_from_pictures
+from stack_counter.sim import (
+    Scene,
+    Shape,
+    ideal_surface,
+    reconstruct,
+    reconstruct_from_pictures,
+    surface_grid,
+)
 from stack_counter.tasks.progress import progress
 from stack_counter.tasks.workers import Workers, map_tasks
 from stack_counter.types import Container, HeightMap, KnownForm, StackVolume, ViewTally
@@ -117,9 +123,10 @@ def _guess_count(estimator: OccupancyEstimator, volume: StackVolume, unit_volume
 
 def ideal_volume(scene: Scene) -> StackVolume:
     """The result of a perfect reconstruction: the true V and the surface as cast."""
-    surface = ideal_surface(scene)
+    surface, grid = ideal_surface(scene), surface_grid(scene)
     length = scene.truth.unit_volume ** (1 / 3)
-    top, inner = (HeightMap(np.eye(4), length / PIXELS_PER_LENGTH,
+    T_world_map = grid.T_world_map(scene.container.T_world_container)
+    top, inner = (HeightMap(T_world_map, grid.pitch,
                             np.where(surface.valid, heights * length, np.nan).astype(np.float32))
                   for heights in (surface.top, surface.inner))
     container = Container("none" if scene.container.kind == "none" else "box", np.eye(4))

@@ -27,10 +27,24 @@ class RayCaster:
         """(...) float64 z of the highest surface at points (..., 2); -inf where there is none."""
         if self._empty:
             return np.full(xy.shape[:-1], -np.inf)
+        return self._origin_z - self._cast_down(xy)["t_hit"].numpy().astype(float)
+
+    def hit_triangles(self, xy: np.ndarray) -> np.ndarray:
+        """(...) int64 number of the highest triangle at points (..., 2); -1 where there is none.
+
+        The points are x and y, metres.
+        """
+        if self._empty:
+            return np.full(xy.shape[:-1], -1)
+        hits = self._cast_down(xy)
+        return np.where(np.isfinite(hits["t_hit"].numpy()),
+                        hits["primitive_ids"].numpy().astype(np.int64), -1)
+
+    def _cast_down(self, xy: np.ndarray) -> dict[str, o3c.Tensor]:
         rays = np.zeros((*xy.shape[:-1], 6), np.float32)
         rays[..., :2], rays[..., 2], rays[..., 5] = xy, self._origin_z, -1
-        distance = self._scene.cast_rays(o3c.Tensor(rays))["t_hit"].numpy().astype(float)
-        return self._origin_z - distance
+        hits: dict[str, o3c.Tensor] = self._scene.cast_rays(o3c.Tensor(rays))
+        return hits
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """(...) bool: the points (..., 3) lie inside the mesh, which is closed."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -106,7 +106,12 @@ def assign_folds(families: list[str]) -> dict[str, int]:
 
 def draw_tile(maps: StackMaps, random: np.random.Generator) -> StackMaps:
     """Cuts a tile at a random place, turn and mirroring."""
-    rows, cols = maps.valid.shape
+    return warp_maps(maps, draw_tile_place(maps.valid.shape, random))
+
+
+def draw_tile_place(shape: tuple[int, ...], random: np.random.Generator) -> np.ndarray:
+    """(2, 3) float64 from x and y in maps of `shape` to those in a tile: turned, or mirrored."""
+    rows, cols = shape
     # Draw the turn and the mirroring.
     exact = random.random() < SETTINGS.quarter_turn_share
     angle = np.pi / 2 * random.integers(4) if exact else random.uniform(0, 2 * np.pi)
@@ -118,11 +123,15 @@ def draw_tile(maps: StackMaps, random: np.random.Generator) -> StackMaps:
         size > TILE, SETTINGS.cut_play, SETTINGS.padded_play)
     middle = size / 2 + random.uniform(-1, 1, 2) * play
     shift = TILE / 2 - turn @ middle
-    # Warp the maps; near the border divide by what is valid.
-    matrix = np.column_stack([turn, np.round(shift) if exact else shift])
+    return np.column_stack([turn, np.round(shift) if exact else shift])
+
+
+def warp_maps(maps: StackMaps, place: np.ndarray) -> StackMaps:
+    """Cuts the tile that a (2, 3) `place` of `draw_tile_place` says."""
+    # Near the border divide by what is valid.
     valid = maps.valid.astype(np.float32)
     stacked = np.stack([maps.top * valid, maps.height * valid, maps.wall * valid, valid], axis=-1)
-    warped = cv2.warpAffine(stacked, matrix, (TILE, TILE), flags=cv2.INTER_LINEAR)
+    warped = cv2.warpAffine(stacked, place, (TILE, TILE), flags=cv2.INTER_LINEAR)
     inside = warped[..., 3] > 0.5
     top, height, wall = np.where(inside[..., None], warped[..., :3] / np.maximum(
         warped[..., 3:], 0.5), 0).astype(np.float32).transpose(2, 0, 1)
@@ -247,6 +256,16 @@ def draw_batches(samples: list[Sample], as_is: list[bool], weights: np.ndarray, 
     random = np.random.default_rng(seed)
     chosen = random.choice(len(samples), (count, size), p=weights / weights.sum())
     batches = _Batches(samples, as_is, chosen, seed, blind_share, picture_share)
+    yield from prepare_ahead(batches, processes)
+
+
+def prepare_ahead(batches: Dataset[Any], processes: int = 0) -> Iterator[Any]:
+    """Yields all batches of a dataset of batches in their order, prepared ahead.
+
+    Args:
+        batches: a batch by its number; it has a length.
+        processes: number of processes that prepare them; 0: a thread does.
+    """
     if processes:
         # Forked processes share the samples' memory; they touch no accelerator.
         yield from DataLoader(batches, batch_size=None, num_workers=processes,
@@ -254,7 +273,7 @@ def draw_batches(samples: list[Sample], as_is: list[bool], weights: np.ndarray, 
                               prefetch_factor=SETTINGS.batches_ahead)
         return
     with ThreadPoolExecutor(1) as pool:
-        numbers = iter(range(count))
+        numbers = iter(range(len(batches)))  # type: ignore[arg-type]
         waiting = [pool.submit(batches.__getitem__, n)
                    for n in islice(numbers, SETTINGS.batches_ahead)]
         while waiting:
