@@ -135,7 +135,7 @@ def parse_yaml(text: str) -> Any:
     parser.Constructor = _StrictConstructor
     try:
         return parser.load(text)
-    except YAMLError as error:
+    except (YAMLError, RecursionError) as error:
         raise ValueError(" ".join(str(error).split())) from error
 
 

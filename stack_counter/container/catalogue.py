@@ -177,7 +177,7 @@ def _parse_containers(text: str, path: Path, with_map_of: str = "") -> dict[str,
         return {str(name): _container_from_entry(
                     entry, path.parent if str(name) == with_map_of else None)
                 for name, entry in (document.get("containers") or {}).items()}
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{path} is malformed at {error}; expected 'containers: NAME:' and what "
                           "`stack-counter container teach` writes below it") from error
 

@@ -231,7 +231,7 @@ def _part_of(name: str, entry: Any, folder: Path) -> Part:
     """Makes a part of its entry; ValueError names the part and what is wrong with it."""
     try:
         return _checked_part(name, entry, folder)
-    except (TypeError, ValueError, PartError) as error:
+    except (TypeError, ValueError, OverflowError, PartError) as error:
         raise ValueError(f"'{name}': {error}") from error
 
 

@@ -71,7 +71,7 @@ def load_rig(config: CollectorConfig) -> Rig:
         document = yaml.safe_load(path.read_text())
     except OSError as error:
         raise ConfigError(f"no rig file {path}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise ConfigError(f"{path} is not YAML: {str(error).splitlines()[0]}") from error
     if not isinstance(document, dict) or not isinstance(document.get("cameras"), dict) \
             or not document["cameras"]:
