@@ -3,6 +3,7 @@
 # make docs: the documentation as a site, into out/docs/index.html; a warning is an error
 # make soak: many scans in a row, and every node killed in every state (some ten minutes)
 # make lock: pins of all packages with their hashes, from .venv into requirements.lock
+# make fuzz: readers of strangers' bytes with changed ones, SECONDS_EACH=60, all or TARGET="mcap rig"
 # make sbom: the bill of materials of .venv (CycloneDX), into out/sbom.json
 # make coverage: tests of the core, and which of its branches they take (out/coverage/index.html)
 # LOCKED=1 make setup: with the packages of requirements.lock, and no others
@@ -16,10 +17,10 @@ CORE := test/test_*.py $(addprefix test/,views fusion display occupancy containe
 # Puts this package's messages on the paths where ROS 2 is sourced; does nothing elsewhere.
 IN_VENV := source .venv/ros.bash &&
 
-.PHONY: help setup demo test lint docs soak lock sbom coverage clean
+.PHONY: help setup demo test lint docs soak fuzz lock sbom coverage clean
 
 help:
-	@sed -n '2,9s/^# //p' Makefile
+	@sed -n '2,10s/^# //p' Makefile
 
 setup:
 	@PYTHON="$(PYTHON)" LOCKED="$(LOCKED)" bash scripts/setup.sh
@@ -44,6 +45,13 @@ docs: setup
 
 soak: setup
 	$(IN_VENV) PYTHONPATH="test:$$PYTHONPATH" .venv/bin/python test/nodes/soak.py
+
+fuzz: setup
+	@.venv/bin/python -c 'import atheris' 2>/dev/null || \
+		.venv/bin/python -c 'import setup; print(*setup.EXTRAS["fuzz"], sep="\n")' | \
+		.venv/bin/uv pip install --quiet --python .venv/bin/python -r -
+	$(IN_VENV) OMP_NUM_THREADS=1 .venv/bin/python test/fuzz/run.py $(TARGET) \
+		--seconds $(or $(SECONDS_EACH),60)
 
 lock: setup
 	@bash scripts/lock.sh

@@ -97,6 +97,8 @@ EXTRAS = {
         "myst-parser>=5.2",
         "sphinx>=9.0.4",
     ],
+    # What feeds readers of strangers' bytes with changed ones (no key), for `make fuzz`.
+    "fuzz": ["atheris>=3.0; python_version >= '3.11'"],
     "test": [
         "amqtt>=0.12.1",  # (no key) an MQTT broker
         "jsonschema>=4.26",

@@ -100,6 +100,20 @@ def read_weights(path: Path, file_format: str) -> WeightsFile:
     return WeightsFile(tensors, metadata)
 
 
+def read_text(path: Path) -> str:
+    """Reads the text of a file that users edit.
+
+    Raises:
+        ConfigError: it is no text.
+        OSError: it cannot be read.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path} is no text: byte {error.start} is "
+                          f"0x{error.object[error.start]:02x}; expected UTF-8") from error
+
+
 def write_atomically(path: Path, text: str) -> None:
     """Replaces a file in one step: whoever reads meanwhile finds the old text or the new.
 
@@ -121,7 +135,7 @@ def parse_yaml(text: str) -> Any:
     parser.Constructor = _StrictConstructor
     try:
         return parser.load(text)
-    except YAMLError as error:
+    except (YAMLError, RecursionError) as error:
         raise ValueError(" ".join(str(error).split())) from error
 
 

@@ -118,7 +118,7 @@ def _read_yaml(path: Path) -> dict:
                                 "parameters such as config/stack_counter.yaml")
     try:
         document = yaml.load(Path(path).read_text(), _RosLoader) or {}  # a safe loader
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise ConfigError(f"{path} is not YAML: {str(error).splitlines()[0]}") from error
     if not isinstance(document, dict):
         raise ConfigError(f"{path} holds {type(document).__name__}; expected node names with "

@@ -61,7 +61,10 @@ def build_section(section: type[Settings], values: Mapping[str, Any]) -> Setting
             raise ConfigError(f"unknown setting '{name}'; expected "
                               + (f"'{near}'" if near else f"one of {sorted(fields)}"))
         read = fields[name].metadata["read"]
-        checked[name] = read(value) if read else _check_value(fields[name], value)
+        try:
+            checked[name] = read(value) if read else _check_value(fields[name], value)
+        except OverflowError as error:  # a whole number of hundreds of digits
+            raise ConfigError(f"{name} holds a number beyond 1e308; expected one below") from error
     return section(**checked)
 
 

@@ -90,7 +90,8 @@ def _read_metadata(folder: Path) -> dict[str, Any]:
         information = yaml.safe_load(path.read_text())["rosbag2_bagfile_information"]
         information["relative_file_paths"] = list(map(str, information["relative_file_paths"]))
         return information
-    except (yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, AttributeError) as error:
+    except (yaml.YAMLError, ValueError, TypeError, KeyError, AttributeError,
+            RecursionError) as error:
         raise BagError(f"{path} is not a rosbag2 metadata file: {str(error).splitlines()[0]}; "
                        "expected what a recorder writes: remove it, the recordings are read "
                        "without") from error

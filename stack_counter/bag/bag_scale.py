@@ -7,6 +7,7 @@ import math
 from collections.abc import Set
 from dataclasses import replace
 
+from stack_counter.bag.formats.recording_file import decoding
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.time_range import WHOLE_BAG
 from stack_counter.config import Config, CounterConfig
@@ -33,10 +34,8 @@ class BagScale:
         if kind != _FLOAT:
             raise BagError(f"weight_topic {topic} has messages {kind}; expected {_FLOAT}, kg")
         for record in reader.part(WHOLE_BAG).records({topic}) if topic in reader.topics else ():
-            try:
+            with decoding(record):
                 self._readings.add(record.log_time_ns, float(record.decode().data))
-            except Exception as error:  # the decoder's errors are of many classes
-                raise BagError(f"a message on {topic} does not decode: {error}") from error
 
     def weighing_at(self, time_ns: int) -> Weighing | None:
         """Returns what the scale says at a time, ns since 1970; None without a scale."""

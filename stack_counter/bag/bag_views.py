@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from stack_counter.bag.camera_topics import fit_rig_to_bag, missing_depth_line, topic_notes
+from stack_counter.bag.formats.recording_file import decoding
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
 from stack_counter.config import CollectorConfig, Config
@@ -83,7 +84,8 @@ def with_scale_of_bag(config: Config, reader: BagReader) -> Config:
         BagError: what the bag says is no share of a length.
     """
     for record in reader.records({SCALE_TOPIC}) if SCALE_TOPIC in reader.topics else ():
-        scale_std = float(record.decode().data)
+        with decoding(record):
+            scale_std = float(record.decode().data)
         if not 0 <= scale_std <= 0.3:
             raise BagError(f"{SCALE_TOPIC} is {scale_std}; expected 0 to 0.3, a share of lengths")
         own = config.reconstructor
@@ -108,14 +110,12 @@ def read_views(reader: BagReader, assembler: RigAssembler) -> Iterator[tuple[str
     handlers = assembler.topic_handlers()
     for record in reader.records(set(subscribed_topics(assembler)),
                                  set(assembler.color_topics())):
-        try:
+        with decoding(record):
             message = record.decode()
-        except Exception as error:  # the decoder's errors are of many classes
-            raise BagError(f"a message on {record.topic} does not decode: {error}") from error
-        if record.topic in _TF_TOPICS:
-            for transform in message.transforms:
-                assembler.add_transform(transform, record.topic == "/tf_static")
-        for _, handle in handlers.get(record.topic, ()):
-            handle(message)
+            if record.topic in _TF_TOPICS:
+                for transform in message.transforms:
+                    assembler.add_transform(transform, record.topic == "/tf_static")
+            for _, handle in handlers.get(record.topic, ()):
+                handle(message)
         yield from assembler.poll()
     yield from assembler.flush()

@@ -6,6 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from stack_counter.bag.camera_topics import fit_rig_to_bag, missing_depth_line, topic_notes
+from stack_counter.bag.formats.recording_file import decoding
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.sampling import sampled_parts
 from stack_counter.bag.time_range import TimeRange
@@ -39,11 +40,8 @@ def check_bag(reader: BagReader, assembler: RigAssembler) -> tuple[Checkup, list
     parts = sampled_parts(reader, color_topics)
     for part in parts:
         for record in reader.part(part).records(set(check.topics), color_topics):
-            try:
-                message = record.decode()
-            except Exception as error:  # the decoder's errors are of many classes
-                raise BagError(f"a message on {record.topic} does not decode: {error}") from error
-            check.add(record.topic, message, len(record.data), record.log_time_ns)
+            with decoding(record):
+                check.add(record.topic, record.decode(), len(record.data), record.log_time_ns)
         check.finish()
     return check, parts
 

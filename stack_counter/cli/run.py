@@ -120,5 +120,5 @@ def _read_value(name: str, text: str) -> Any:
             return text
     try:
         return yaml.safe_load(text)
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError, RecursionError):
         return text

@@ -15,7 +15,13 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.container.inner_map import read_inner_map, write_inner_map
 from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall
 from stack_counter.errors import ConfigError
-from stack_counter.files import config_path, edit_yaml_entry, parse_yaml, write_atomically
+from stack_counter.files import (
+    config_path,
+    edit_yaml_entry,
+    parse_yaml,
+    read_text,
+    write_atomically,
+)
 from stack_counter.types import InnerMap, WallShape
 
 _NEW_CATALOGUE = """\
@@ -102,7 +108,7 @@ def load_containers(path: Path | None = None, with_map_of: str = ""
     """
     path = path or config_path("containers.yaml")
     try:
-        return _parse_containers(path.read_text(encoding="utf-8"), path, with_map_of)
+        return _parse_containers(read_text(path), path, with_map_of)
     except OSError as error:
         raise ConfigError(f"no container catalogue {path}: {error.strerror}") from error
 
@@ -138,7 +144,7 @@ def save_container(name: str, container: TaughtContainer, path: Path) -> None:
     """
     text = _NEW_CATALOGUE
     if path.exists():
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
         _parse_containers(text, path)  # raises what is wrong with it before it is changed
     keys = (*_SHAPE_KEYS[container.wall_shape.kind], *_SIZE_KEYS)
     meanings = {"kind": "box, round or free", "taught": "when, from which recording or CAD file",
@@ -166,10 +172,12 @@ def describe_container(name: str, container: TaughtContainer) -> str:
 def _parse_containers(text: str, path: Path, with_map_of: str = "") -> dict[str, TaughtContainer]:
     try:
         document = parse_yaml(text)
+        if document and "containers" not in document:
+            raise ValueError(f"{sorted(map(str, document))}")
         return {str(name): _container_from_entry(
                     entry, path.parent if str(name) == with_map_of else None)
                 for name, entry in (document.get("containers") or {}).items()}
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{path} is malformed at {error}; expected 'containers: NAME:' and what "
                           "`stack-counter container teach` writes below it") from error
 

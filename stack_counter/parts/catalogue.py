@@ -10,7 +10,13 @@ from typing import Any
 
 from stack_counter.counting import check_unit_volume
 from stack_counter.errors import ConfigError, PartError
-from stack_counter.files import config_path, edit_yaml_entry, parse_yaml, write_atomically
+from stack_counter.files import (
+    config_path,
+    edit_yaml_entry,
+    parse_yaml,
+    read_text,
+    write_atomically,
+)
 from stack_counter.parts.counted_scan import CountedScan
 from stack_counter.parts.entry_checks import (
     checked_friction,
@@ -169,7 +175,7 @@ def remove_part(name: str, path: Path) -> None:
 
 
 def _write_entry(name: str, values: dict[str, Any] | None, path: Path) -> None:
-    text = path.read_text(encoding="utf-8") if path.exists() else _NEW_CATALOGUE
+    text = read_text(path) if path.exists() else _NEW_CATALOGUE
     text = edit_yaml_entry(text, "parts", name, values)
     _parse_parts(text, path)  # raises what could not be read again, before anything is lost
     write_atomically(path, text)
@@ -204,7 +210,7 @@ def _entry_of(part: Part, folder: Path) -> dict[str, Any]:
 @lru_cache(maxsize=8)
 def _cached_parts(path: Path, version: tuple[int, ...]) -> dict[str, Part]:
     """Parts of one version of a file; nodes ask for them with every volume."""
-    return _parse_parts(path.read_text(encoding="utf-8"), path)
+    return _parse_parts(read_text(path), path)
 
 
 def _parse_parts(text: str, path: Path) -> dict[str, Part]:
@@ -225,7 +231,7 @@ def _part_of(name: str, entry: Any, folder: Path) -> Part:
     """Makes a part of its entry; ValueError names the part and what is wrong with it."""
     try:
         return _checked_part(name, entry, folder)
-    except (TypeError, ValueError, PartError) as error:
+    except (TypeError, ValueError, OverflowError, PartError) as error:
         raise ValueError(f"'{name}': {error}") from error
 
 

@@ -25,7 +25,7 @@ def checked_number(value: object, key: str) -> float:
     """A finite number, 0 or more."""
     try:
         number = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not (math.isfinite(number) and number >= 0):
         raise ValueError(f"{key} {value!r} (a number, 0 or more, needed)")

@@ -18,6 +18,7 @@ from typing import IO
 from stack_counter.config import Config, to_ros_parameters
 from stack_counter.errors import StackCounterError
 from stack_counter.files import config_path
+from stack_counter.ros.security import enclave_arguments
 from stack_counter.tasks.child_processes import ENDS_WITH_STDIN
 
 NODES = ("collector", "reconstructor", "counter")
@@ -170,7 +171,8 @@ class SupervisedProcess:
     def _start(self) -> None:
         """Starts the process; what it prints is printed here, behind its name."""
         process = _start_node(self.name, self._parameters, shared_memory_environment(),
-                              subprocess.PIPE, self._ros_arguments)
+                              subprocess.PIPE,
+                              [*enclave_arguments(self.name), *self._ros_arguments])
         self._process: subprocess.Popen[str] | None = process
         self._started_at, self.restart_at = time.monotonic(), 0.0
         threading.Thread(target=self._print_output, args=(process,), daemon=True).start()

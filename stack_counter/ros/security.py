@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Refuses to start where security is asked for and cannot be had."""
+"""Refuses to start where security is asked for and cannot be had; enclaves where it can."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import sys
 from importlib.util import find_spec
 
 from stack_counter.errors import ConfigError
+from stack_counter.parameter_files import NAMESPACE
 
 
 def check_security() -> None:
@@ -19,7 +20,7 @@ def check_security() -> None:
     Raises:
         ConfigError: nothing would be signed or encrypted.
     """
-    if os.environ.get("ROS_SECURITY_ENABLE") != "true":
+    if not _is_asked_for():
         return
     if find_spec("ros_wheels_bootstrapper"):
         raise ConfigError("ROS_SECURITY_ENABLE is true, but the Fast DDS of ROS 2's Python wheels "
@@ -30,9 +31,22 @@ def check_security() -> None:
                           "keystore; expected its folder, or ROS_SECURITY_ENABLE not set")
 
 
+def enclave_arguments(node: str) -> list[str]:
+    """ROS arguments that put a node into its enclave of the shipped policy; none without security.
+
+    Args:
+        node: name of the node; an enclave that is given behind these arguments takes the place.
+    """
+    return ["--enclave", f"{NAMESPACE}/{node}"] if _is_asked_for() else []
+
+
 def exit_if_insecure() -> None:
     """Ends the process with the line of `check_security`."""
     try:
         check_security()
     except ConfigError as error:
         sys.exit(str(error))
+
+
+def _is_asked_for() -> bool:
+    return os.environ.get("ROS_SECURITY_ENABLE") == "true"

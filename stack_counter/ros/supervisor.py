@@ -30,7 +30,7 @@ from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.processes import NODES, SupervisedProcess
 from stack_counter.ros.qos import DIAGNOSTICS, FINAL_TOPICS, LATCHED_ALL, RESULT_JSON
 from stack_counter.ros.result_line import to_flat_json
-from stack_counter.ros.security import check_security
+from stack_counter.ros.security import check_security, enclave_arguments
 from stack_counter.types import PartRequest
 
 
@@ -218,7 +218,8 @@ def supervise(parameters: Path, ros_arguments: Sequence[str] = ()) -> int:
     """
     check_security()
     # The command's own words are not for ROS.
-    rclpy.init(args=["supervisor", "--ros-args", *ros_arguments])
+    rclpy.init(args=["supervisor", "--ros-args", *enclave_arguments("supervisor"),
+                     *ros_arguments])
     node = Supervisor(parameters, ros_arguments)
     executor = SingleThreadedExecutor()
     executor.add_node(node)

@@ -11,9 +11,11 @@ import numpy as np
 import trimesh
 
 from stack_counter.errors import MeshError
+from stack_counter.teaching.step_file import load_step
 
 UNITS = {"mm": 1e-3, "m": 1.0, "in": 0.0254}
 _SUFFIXES = (".stl", ".obj", ".ply", ".off", ".step", ".stp")
+_FARTHEST = 1e8  # in the file's unit; chosen: no part is as far from its origin
 # Files that name their unit: their meshes are in metres once they are read.
 _STEP_SUFFIXES = (".step", ".stp")
 
@@ -85,22 +87,37 @@ def _read_mesh(path: Path, expected: ExpectedSolid) -> trimesh.Trimesh:
         raise MeshError(f"{path.name} is STEP and no reader for it is installed; expected the "
                         "extra `cad`: pip install 'stack_counter[cad]'")
     try:
-        mesh = trimesh.load_mesh(path, process=False)
+        mesh = load_step(path) if suffix in _STEP_SUFFIXES \
+            else trimesh.load_mesh(path, process=False)
         if isinstance(mesh, trimesh.Scene):
             mesh = mesh.to_mesh()
+    except MeshError:
+        raise
     except Exception as error:  # the readers' own, of many kinds
-        raise MeshError(f"{path.name} cannot be read: {error or type(error).__name__}; expected "
-                        "a mesh") from error
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise MeshError(f"{path.name} cannot be read: {said}; expected a mesh") from error
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise MeshError(f"{path.name} holds no triangle; expected a solid {expected.name}")
-    if not np.isfinite(mesh.vertices).all():
-        raise MeshError(f"{path.name} has coordinates that are not finite; expected numbers")
+    _check_numbers(mesh, path.name)
     # Merge vertices and drop triangles that are lines; slivers stay: they may close a seam
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     corners = np.sort(mesh.faces, axis=1)
     mesh.update_faces((corners[:, 1:] != corners[:, :-1]).all(axis=1))
     mesh.remove_unreferenced_vertices()
     return mesh
+
+
+def _check_numbers(mesh: trimesh.Trimesh, name: str) -> None:
+    """Refuses corners that are no points of space, and triangles of corners that are not there."""
+    if mesh.vertices.shape[1:] != (3,) or mesh.faces.shape[1:] != (3,):
+        raise MeshError(f"{name} has corners of {mesh.vertices.shape[-1]} numbers and faces of "
+                        f"{mesh.faces.shape[-1]} corners; expected 3 each")
+    if not (np.abs(mesh.vertices) < _FARTHEST).all():
+        raise MeshError(f"{name} has coordinates that are not finite, or {_FARTHEST:g} and more; "
+                        "expected numbers around a part")
+    if not (0 <= mesh.faces.min() and mesh.faces.max() < len(mesh.vertices)):
+        raise MeshError(f"{name} has triangles of corners {mesh.faces.min()} to "
+                        f"{mesh.faces.max()}; expected 0 to {len(mesh.vertices) - 1}")
 
 
 def _check_closed(mesh: trimesh.Trimesh, name: str) -> None:

@@ -71,7 +71,7 @@ def load_rig(config: CollectorConfig) -> Rig:
         document = yaml.safe_load(path.read_text())
     except OSError as error:
         raise ConfigError(f"no rig file {path}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise ConfigError(f"{path} is not YAML: {str(error).splitlines()[0]}") from error
     if not isinstance(document, dict) or not isinstance(document.get("cameras"), dict) \
             or not document["cameras"]:
@@ -110,9 +110,10 @@ def _read_pose(where: str, body: Any) -> np.ndarray | None:
     if body is None:
         return None
     try:
-        return geometry.pose_from_quaternion(np.array(body["quaternion_xyzw"], float),
-                                             np.array(body["xyz_m"], float))
-    except (KeyError, TypeError, ValueError, ViewError) as error:
+        return geometry.pose_from_quaternion(
+            np.array(body["quaternion_xyzw"], float).reshape(4),
+            np.array(body["xyz_m"], float).reshape(3))
+    except (KeyError, TypeError, ValueError, OverflowError, ViewError) as error:
         raise ConfigError(f"{where}: pose {body}; expected xyz_m of three numbers and "
                           "quaternion_xyzw of length 1") from error
 

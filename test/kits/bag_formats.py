@@ -71,7 +71,7 @@ def ros1(path, messages, compression=None):
 def bare_mcap(path, messages, definitions=False, encoding="cdr", **options):
     """An .mcap file; without `definitions` its types have names alone."""
     with open(path, "wb") as file:
-        writer = McapWriter(file, compression=CompressionType.ZSTD, **options)
+        writer = McapWriter(file, **{"compression": CompressionType.ZSTD, **options})
         writer.start("ros2", "test")
         channels = {}
         for t, topic, kind, data in messages:

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of topics, services and actions in docs/interface.md."""
+"""The tables of topics, services and actions in docs/interface.md."""
 
 import re
 from pathlib import Path
 
 SPACE = "/stack_counter"
 TABLE = Path(__file__).parents[2] / "docs" / "interface.md"
+NODES = ("collector", "reconstructor", "counter")
+SUPERVISOR = "supervisor"  # has a table of its own
 
 
 def _rows():
@@ -16,9 +18,9 @@ def _rows():
     return [row for row in rows if len(row) == 5]
 
 
-def table():
-    """(node, how, name, type) of each row."""
-    return {tuple(row[:4]) for row in _rows()}
+def table(nodes=NODES):
+    """(node, how, name, type) of each row of these nodes."""
+    return {tuple(row[:4]) for row in _rows() if row[0] in nodes}
 
 
 def latched():

@@ -2,9 +2,11 @@
 """Nodes take parameter files that call them by their bare names, and remappings."""
 
 import os
+import runpy
 import subprocess
 import sys
 
+import pytest
 import rclpy
 from rclpy.node import Node
 
@@ -48,6 +50,7 @@ def test_data_has_no_age_before_the_clock_of_a_bag_has_come():
 
 
 REMAPPED = """
+import pytest
 import rclpy
 from stack_counter.nodes.collector import Collector
 
@@ -79,3 +82,13 @@ def test_all_topics_of_a_collector_can_be_remapped_and_its_clock_be_that_of_a_ba
     assert "'/stack_counter/views'" in published and "posed_images" not in published
     assert "begin_scan" in services and "start_scan" not in services, services
     assert now == "0", "nobody publishes /clock, and nothing waits for it"
+
+
+@pytest.mark.parametrize("words", [[], ["robot"], ["collectr"]])
+def test_a_node_that_is_none_is_refused_in_one_line(words, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["nodes", *words])
+    with pytest.raises(SystemExit) as caught:
+        runpy.run_module("stack_counter.nodes", run_name="__main__")
+    said = capsys.readouterr().err
+    assert caught.value.code == 2 and said.count("\n") == 1
+    assert f"no node '{''.join(words)}'; expected one of collector, reconstructor, counter" in said

@@ -4,12 +4,13 @@
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
 from stack_counter.cli import main
 from stack_counter.errors import ConfigError
-from stack_counter.ros import security
+from stack_counter.ros import processes, security
 
 
 @pytest.fixture(autouse=True)
@@ -50,3 +51,16 @@ def test_a_node_ends_with_one_line():
 def test_run_exits_2_with_the_same_line(capsys):
     assert main(["run"]) == 2
     assert capsys.readouterr().err.startswith("stack-counter: ROS_SECURITY_ENABLE is true, but ")
+
+
+def test_run_puts_each_node_into_its_enclave_unless_another_is_given(monkeypatch, tmp_path):
+    given = []
+    monkeypatch.setattr(processes, "_start_node", lambda *arguments: given.append(
+        arguments[-1]) or SimpleNamespace(stdout=[]))
+    for node in (*processes.NODES, "supervisor"):
+        assert security.enclave_arguments(node) == ["--enclave", f"/stack_counter/{node}"]
+    processes.SupervisedProcess("counter", tmp_path, ["--enclave", "/mine"])
+    monkeypatch.delenv("ROS_SECURITY_ENABLE")
+    processes.SupervisedProcess("counter", tmp_path, ["-r", "a:=b"])
+    # Of two, ROS takes the last.
+    assert given == [["--enclave", "/stack_counter/counter", "--enclave", "/mine"], ["-r", "a:=b"]]

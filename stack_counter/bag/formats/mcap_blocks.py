@@ -24,6 +24,8 @@ from stack_counter.errors import BagError
 
 # Format of a record's header: opcode, length of its content.
 RECORD_HEADER = struct.Struct("<BQ")
+# What the library raises inside a record that is cut or damaged.
+DAMAGE = (McapError, struct.error, ValueError, OverflowError, MemoryError)
 # Format of a message's head: channel, sequence, log time, publish time.
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 
@@ -69,6 +71,7 @@ class McapDefinitions:
         channels: channels by number.
         schemas: definitions of types by number.
         metadata: values by key, by name of the metadata.
+        damaged: whether one of them could not be read.
     """
 
     def __init__(self) -> None:
@@ -76,6 +79,7 @@ class McapDefinitions:
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, Schema] = {}
         self.metadata: dict[str, dict[str, str]] = {}
+        self.damaged = False
 
     @property
     def known_channels(self) -> set[int]:
@@ -84,8 +88,13 @@ class McapDefinitions:
                 if channel.schema_id in (0, *self.schemas)}
 
     def read(self, opcode: int, content: bytes) -> None:
-        """Keeps a schema, channel or metadata; other records are skipped."""
-        stream = ReadDataStream(io.BytesIO(content))
+        """Keeps a schema, channel or metadata; other records, and damaged ones, are skipped."""
+        try:
+            self._read(opcode, ReadDataStream(io.BytesIO(content)))
+        except DAMAGE:
+            self.damaged = True
+
+    def _read(self, opcode: int, stream: ReadDataStream) -> None:
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(stream)
             self.schemas[schema.id] = schema
@@ -119,7 +128,7 @@ def read_block(path: Path, block: Block, definitions: McapDefinitions
     # Read and check the chunk, as far as it goes.
     try:
         chunk = Chunk.read(ReadDataStream(io.BytesIO(content)))
-    except (McapError, struct.error, UnicodeDecodeError):  # cut within the chunk's head
+    except DAMAGE:  # cut within the chunk's head
         return [], False
     data = b"".join(_decompress(chunk, path))
     whole = len(data) == chunk.uncompressed_size

@@ -73,7 +73,7 @@ class McapFile:
     @property
     def truncated(self) -> bool:
         """Whether the file ends early, or a part of it is damaged and was left out."""
-        return self._index.truncated or self._damaged
+        return self._index.truncated or self._damaged or self._index.definitions.damaged
 
     def _make_decoders(self) -> dict[int, TopicDecoder]:
         """Decoders by number of channel."""
@@ -99,7 +99,7 @@ class McapFile:
 
     def times_ns(self, topics: Set[str]) -> np.ndarray:
         """Times of the blocks that hold messages of these topics: (n,) int64, rising."""
-        return np.sort(np.array([block.start_ns for block in
+        return np.sort(np.array([min(block.start_ns, NEVER_NS) for block in
                                  self._blocks_with(self._channels_of(topics))], np.int64))
 
     def _channels_of(self, topics: Set[str]) -> frozenset[int]:

@@ -13,12 +13,12 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 
 from stack_counter.bag.formats.mcap_blocks import (
+    DAMAGE,
     MESSAGE_HEAD,
     RECORD_HEADER,
     Block,
@@ -99,8 +99,7 @@ class McapIndex:
                             } <= {0, *summary.schemas}:
                 return False
             metadata = list(reader.iter_metadata())
-        except (McapError, struct.error, UnicodeDecodeError, ValueError, MemoryError,
-                OverflowError):  # it is damaged
+        except DAMAGE:
             return False
         for one in metadata:
             self.definitions.add_metadata(one)
@@ -118,22 +117,26 @@ class McapIndex:
         file.seek(len(MAGIC))
         size, start = self._path.stat().st_size, len(MAGIC)
         indexed: Counter[int] = Counter()  # messages of the last chunk, by its indexes so far
+        after_chunk = False
         while len(header := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
             opcode, length = RECORD_HEADER.unpack(header)
             start += RECORD_HEADER.size
             whole = start + length <= size
             if opcode == 0:  # space set aside, never written
                 return
-            if opcode == Opcode.MESSAGE_INDEX and whole:
+            if opcode == Opcode.MESSAGE_INDEX and whole and after_chunk \
+                    and length >= _INDEX_HEAD.size:
                 channel, entries = _INDEX_HEAD.unpack(file.read(_INDEX_HEAD.size))
                 indexed[channel] += entries // _INDEX_ENTRY_BYTES
-            elif indexed:  # the chunk before has all its indexes
-                self.blocks[-1] = self.blocks[-1]._replace(channels=frozenset(indexed))
-                self.counts.update(indexed)
-                indexed = Counter()
+            else:  # the chunk before, if it is one, has all its indexes
+                if indexed:
+                    self.blocks[-1] = self.blocks[-1]._replace(channels=frozenset(indexed))
+                    self.counts.update(indexed)
+                    indexed = Counter()
+                after_chunk = opcode == Opcode.CHUNK
             if opcode == Opcode.CHUNK:
                 self._list_chunk(start, length, file.read(16))
-            elif opcode == Opcode.MESSAGE and whole:
+            elif opcode == Opcode.MESSAGE and whole and length >= MESSAGE_HEAD.size:
                 self._list_message(start, length, file.read(MESSAGE_HEAD.size))
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
                 if whole:
@@ -146,7 +149,7 @@ class McapIndex:
 
     def _list_chunk(self, offset: int, length: int, times: bytes) -> None:
         """Adds a chunk, of which earliest and latest log time are read."""
-        if len(times) == 16:
+        if len(times) == 16 and length >= 16:
             start_ns, end_ns = struct.unpack("<QQ", times)
             self.blocks.append(Block(start_ns, end_ns, offset, length, True, None))
 

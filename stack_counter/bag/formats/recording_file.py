@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Set
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, Protocol
@@ -17,7 +18,7 @@ from rosbags.serde import SerdeError
 
 from stack_counter.bag.formats.decompression import decompress_zstd
 from stack_counter.bag.message_definitions import known_types, message_definition
-from stack_counter.errors import BagError
+from stack_counter.errors import BagError, StackCounterError
 
 # Later than any message.
 NEVER_NS = 2**63 - 1
@@ -42,6 +43,23 @@ class Record:
     log_time_ns: int
     data: bytes
     decode: Callable[[], Any]
+
+
+@contextmanager
+def decoding(record: Record) -> Iterator[None]:
+    """Has errors of a message that is decoded and used name its topic.
+
+    Raises:
+        BagError: it is not what its type is, as recordings define types themselves.
+    """
+    try:
+        yield
+    except StackCounterError:
+        raise
+    except Exception as error:  # the decoder's errors are of many classes
+        said = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise BagError(f"a message on {record.topic} does not decode: {said}; expected what "
+                       "ROS 2 defines") from error
 
 
 class RecordingFile(Protocol):
@@ -146,7 +164,7 @@ def is_latched(profiles: str) -> bool:
     try:
         return any(profile.get("durability") in ("transient_local", _TRANSIENT_LOCAL)
                    for profile in yaml.safe_load(profiles) or [])
-    except (yaml.YAMLError, TypeError, AttributeError):
+    except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError):
         return False
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Set
 from pathlib import Path
 
 import numpy as np
-from rosbags.rosbag1 import Reader, ReaderError
+from rosbags.rosbag1 import Reader
 
 from stack_counter.bag.formats.recording_file import NEVER_NS, Record, TopicDecoder
 from stack_counter.errors import BagError
@@ -30,8 +30,9 @@ class Ros1File:
         self._reader = Reader(path)
         try:
             self._reader.open()
-        except (ReaderError, AssertionError) as error:
-            raise BagError(f"{path} cannot be read: {str(error).rstrip('.')}; expected a bag of "
+        except Exception as error:  # the library's are of many classes
+            said = str(error).rstrip(".") or type(error).__name__
+            raise BagError(f"{path} cannot be read: {said}; expected a bag of "
                            "ROS 1, version 2.0, not encrypted, with its index (`rosbag reindex` "
                            "makes it)") from error
         self._decoders = {c.id: TopicDecoder(c.topic, c.msgtype, encoding="ros1")
@@ -55,8 +56,10 @@ class Ros1File:
         try:
             for connection, log_time_ns, data in self._reader.messages(wanted, start_ns, end_ns):
                 yield self._decoders[connection.id].record(log_time_ns, data)
-        except (ReaderError, OSError, EOFError, RuntimeError, AssertionError) as error:
-            raise BagError(f"{self._path} is damaged: {error}; `rosbag reindex` keeps what is "
+        except BagError:
+            raise
+        except Exception as error:  # the library's are of many classes
+            raise BagError(f"{self._path} is damaged: {error!r}; `rosbag reindex` keeps what is "
                            "whole") from error
 
     def times_ns(self, topics: Set[str]) -> np.ndarray:

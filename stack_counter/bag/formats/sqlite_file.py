@@ -70,14 +70,17 @@ class SqliteFile:
                 "SELECT topic_type, encoded_message_definition FROM message_definitions "
                 "WHERE encoding = 'ros2msg'"))
         rows = self._database.execute("SELECT id, name, type, serialization_format FROM topics")
-        return {number: TopicDecoder(topic, kind, texts.get(kind, ""), encoding)
-                for number, topic, kind, encoding in rows}
+        # Any value may stand in any column.
+        return {number: TopicDecoder(topic, kind, str(texts.get(kind, "")), encoding)
+                for number, topic, kind, encoding in rows
+                if isinstance(number, int) and all(isinstance(text, str)
+                                                   for text in (topic, kind, encoding))}
 
     def _read_latched(self) -> set[str]:
         """Topics of publishers who offered old messages; unknown before ROS 2 Foxy."""
         with suppress(sqlite3.OperationalError):
             return {topic for topic, profiles in self._database.execute(
-                "SELECT name, offered_qos_profiles FROM topics") if is_latched(profiles)}
+                "SELECT name, offered_qos_profiles FROM topics") if is_latched(str(profiles))}
         return set()
 
     def _list_rows(self) -> np.ndarray:
@@ -87,7 +90,8 @@ class SqliteFile:
             with suppress(sqlite3.DatabaseError):
                 for row in self._database.execute(
                         "SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id"):
-                    if None in row:  # a page that was never written
+                    # Of a page that was never written, or is damaged.
+                    if not all(isinstance(number, int) for number in row):
                         break
                     yield row
                 else:
@@ -108,8 +112,11 @@ class SqliteFile:
         return True
 
     def _read(self, number: int) -> bytes:
-        return self._database.execute("SELECT data FROM messages WHERE id = ?",
-                                      (number,)).fetchone()[0]
+        row = self._database.execute("SELECT data FROM messages WHERE id = ?",
+                                     (number,)).fetchone()
+        if row is None or not isinstance(row[0], bytes):
+            raise sqlite3.DatabaseError(f"message {number} is no bytes")
+        return row[0]
 
     def records(self, topics: Set[str], start_ns: int, end_ns: int) -> Iterator[Record]:
         """Messages of these topics in log-time order; of equal times, as they were written."""
