@@ -65,7 +65,8 @@ def test_a_line_says_whose_count_it_is_and_what_replay_says(tmp_path):
     replayed = as_dict(from_stack_count(count, from_stack_volume(volume)), [])
     assert replayed.pop("counts") == [] and replayed.pop("filling_level_cell_count") == {
         "x": 2, "y": 1}
-    assert len(replayed.pop("cells_filling_levels")) == 2  # what is long is left out
+    # What is long is left out.
+    assert len(replayed.pop("cells_filling_levels")) == 2 and replayed.pop("visible_parts") == []
     assert line == own | replayed
     assert not warnings and log.status_lines() == []
 

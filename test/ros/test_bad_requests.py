@@ -21,7 +21,7 @@ FIELDS = {field.name: field for section in (CollectorConfig, ReconstructorConfig
           for field in dataclasses.fields(section)}
 PATHS = {"part_catalogue", "rig", "robot_description_file", "record_folder",
          "container_catalogue", "prompts", "sam2_weights", "depth_weights", "report_folder",
-         "weights", "encoder_weights", "result_log"}
+         "weights", "encoder_weights", "visible_parts_weights", "result_log"}
 
 
 class Lines(list):

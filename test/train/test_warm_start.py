@@ -21,6 +21,8 @@ from test.kits.gamma_weights import SMALL_NET
 def earlier(tmp_path):
     """Two members that know v alone, and their file, which names their folds."""
     nets = [GammaNet(SMALL_NET).eval() for _ in range(2)]
+    with torch.no_grad():
+        nets[0].head[-1].bias += 1.0  # they say something else
     path = tmp_path / "earlier.safetensors"
     save_members(path, nets, {"folds": "[1, 4]"}, {"scores": np.zeros(3)})
     return nets, path
