@@ -20,12 +20,11 @@ from stack_counter.occupancy import make_estimator
 from stack_counter.parts.part_lookup import configured_part, resolve_part
 from stack_counter.ros.conversions import (
     failed_count,
-    from_reasons,
-    from_seconds,
     from_stack_volume,
     from_tally,
     to_stack_count,
 )
+from stack_counter.ros.count_fields import from_reasons, from_seconds
 from stack_counter.ros.diagnostics import ERROR, OK, WARN, data_age_s
 from stack_counter.ros.lifecycle import ManagedNode, run
 from stack_counter.ros.markers import (

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import array
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from stack_counter_msgs.msg import Container as ContainerMsg
 from stack_counter_msgs.msg import HeightMap as HeightMapMsg
 from stack_counter_msgs.msg import KeyView as KeyViewMsg
-from stack_counter_msgs.msg import PosedImage, StageSeconds
+from stack_counter_msgs.msg import PosedImage
 from stack_counter_msgs.msg import StackCount as StackCountMsg
 from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
 from stack_counter_msgs.msg import ViewTally as ViewTallyMsg
@@ -24,9 +24,13 @@ from stack_counter_msgs.msg import ViewTally as ViewTallyMsg
 from stack_counter.ros.count_fields import (
     copy_filling_level,
     filling_level_of,
+    from_reasons,
+    from_seconds,
     from_sources,
     set_filling_level,
     set_visible_parts,
+    to_reasons,
+    to_seconds,
     to_sources,
     visible_parts_of,
 )
@@ -183,26 +187,6 @@ def from_tally(message: ViewTallyMsg) -> ViewTally:
 def from_skips(message: Any) -> dict[str, int]:
     """Returns how many views a `ViewTally` or `ScanStatus` skipped, by reason."""
     return dict(zip(message.skip_reasons, (int(n) for n in message.skip_counts)))
-
-
-def to_reasons(reasons: Iterable[Reason]) -> list[str]:
-    """Returns the slugs of reasons."""
-    return [reason.value for reason in reasons]
-
-
-def from_reasons(slugs: Iterable[str]) -> tuple[Reason, ...]:
-    """Returns the reasons of slugs; one that this release does not know keeps its slug."""
-    return tuple(Reason(slug) for slug in slugs)
-
-
-def to_seconds(seconds: dict[str, float]) -> StageSeconds:
-    """Returns the message of the time spent by stage, s."""
-    return StageSeconds(stages=list(seconds), seconds=list(seconds.values()))
-
-
-def from_seconds(message: StageSeconds) -> dict[str, float]:
-    """Returns the time spent by stage, s, of its message."""
-    return dict(zip(message.stages, message.seconds))
 
 
 def to_stack_volume(volume: StackVolume, world_frame: str, request: PosedImage, final: bool

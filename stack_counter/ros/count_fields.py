@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What volumes and counts say besides their numbers: filling level, sources, visible parts.
+"""What volumes and counts say besides their numbers: reasons, times, filling level, visible parts.
 
-`StackVolume` and `StackCount` have the fields of the filling level both.
+`StackVolume` and `StackCount` both have the fields of the first three.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TypeAlias
 
 import numpy as np
 from geometry_msgs.msg import Point, Point32, Polygon
 from stack_counter_msgs.msg import CellFillingLevel as CellMsg
-from stack_counter_msgs.msg import GridSize, Rectangle, VisibleParts
+from stack_counter_msgs.msg import GridSize, Rectangle, StageSeconds, VisibleParts
 from stack_counter_msgs.msg import RangeValue as RangeMsg
 from stack_counter_msgs.msg import SourceCount as SourceCountMsg
 from stack_counter_msgs.msg import StackCount as StackCountMsg
@@ -22,6 +23,7 @@ from stack_counter.types import (
     CellFillingLevel,
     FillingLevel,
     RangeValue,
+    Reason,
     SourceCount,
     VisiblePart,
 )
@@ -29,6 +31,26 @@ from stack_counter.types import (
 _NOT_LOOKED_FOR = -1  # visible_count where there are none because nobody looked
 
 WithFillingLevel: TypeAlias = "StackCountMsg | StackVolumeMsg"
+
+
+def to_reasons(reasons: Iterable[Reason]) -> list[str]:
+    """Returns the slugs of reasons."""
+    return [reason.value for reason in reasons]
+
+
+def from_reasons(slugs: Iterable[str]) -> tuple[Reason, ...]:
+    """Returns the reasons of slugs; one that this release does not know keeps its slug."""
+    return tuple(Reason(slug) for slug in slugs)
+
+
+def to_seconds(seconds: dict[str, float]) -> StageSeconds:
+    """Returns the message of the time spent by stage, s."""
+    return StageSeconds(stages=list(seconds), seconds=list(seconds.values()))
+
+
+def from_seconds(message: StageSeconds) -> dict[str, float]:
+    """Returns the time spent by stage, s, of its message."""
+    return dict(zip(message.stages, message.seconds))
 
 
 def set_filling_level(message: WithFillingLevel, level: FillingLevel | None) -> None:

@@ -17,7 +17,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from stack_counter.display.mesh_colors import display_colors
 from stack_counter.display.mesh_decimation import decimate
 from stack_counter.display.wireframes import box_lines, container_lines, frustum_lines
-from stack_counter.ros.conversions import from_container, from_height_map, from_reasons
+from stack_counter.ros.conversions import from_container, from_height_map
+from stack_counter.ros.count_fields import from_reasons
 from stack_counter.ros.standard_messages import to_bytes
 from stack_counter.types import Mesh, StackVolume, View
 

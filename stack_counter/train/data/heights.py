@@ -9,6 +9,7 @@ from: `train.data.degrade` for depth cameras, `train.data.stereo_surface` for pi
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -167,13 +168,25 @@ def load_samples(folders: list[Path], cache: Path, workers: int) -> list[Sample]
     jobs = [(path, cache / f"{path.parent.name}_{path.stem}_{_shard_digest(path)}.npz")
             for path in paths]
     cache.mkdir(parents=True, exist_ok=True)
+    store_missing(jobs, _store_shard, "height maps", workers)
+    return [sample for _, stored in jobs for sample in read_samples(stored)]
+
+
+def store_missing(jobs: list[tuple[Path, Path]], store: Callable[[tuple[Path, Path]], None],
+                  title: str, workers: int) -> None:
+    """Has `store` make, by worker processes, the second file of each pair that is not there yet.
+
+    Args:
+        jobs: pairs of a shard and what is made of it.
+        store: a function of a module.
+        title: of the progress.
+        workers: number of processes.
+    """
     missing = [job for job in jobs if not job[1].exists()]
     if missing:
         with worker_pool(workers) as pool:
-            for _ in progress(pool.map(_store_shard, missing), "height maps", "shards",
-                              len(missing)):
+            for _ in progress(pool.map(store, missing), title, "shards", len(missing)):
                 pass
-    return [sample for _, stored in jobs for sample in read_samples(stored)]
 
 
 def write_samples(path: Path, samples: list[Sample], **more: np.ndarray) -> None:

@@ -21,11 +21,9 @@ from stack_counter.occupancy.maps import (
     network_channels,
 )
 from stack_counter.sim import PartsFromAbove, parts_from_above, read_shard
-from stack_counter.tasks.child_processes import worker_pool
-from stack_counter.tasks.progress import progress
 from stack_counter.train.data.batches import draw_tile_place, warp_maps
 from stack_counter.train.data.degrade import degrade_like_fusion
-from stack_counter.train.data.heights import Sample, load_samples
+from stack_counter.train.data.heights import Sample, load_samples, store_missing
 from stack_counter.train.data.stereo_surface import degrade_like_stereo, draw_resolution
 from stack_counter.train.part_net import KNOWN
 from stack_counter.visible_parts.decoding import COLS, MIDDLE, OUTPUTS, ROWS, SHARE, SHOWN
@@ -84,12 +82,7 @@ def load_part_samples(folders: list[Path], cache: Path, workers: int) -> list[Pa
         raise ConfigError(f"no scenes in {list(map(str, folders))}; expected shard_*.npz")
     paths = [path for folder in folders for path in sorted(folder.glob("shard_*.npz"))]
     jobs = [(path, _cache_file(cache, path)) for path in paths]
-    missing = [job for job in jobs if not job[1].exists()]
-    if missing:
-        with worker_pool(workers) as pool:
-            for _ in progress(pool.map(_store_parts, missing), "visible parts", "shards",
-                              len(missing)):
-                pass
+    store_missing(jobs, _store_parts, "visible parts", workers)
     parts = [parts for _, kept in jobs for parts in _read_parts(kept)]
     return [PartSample(*pair) for pair in zip(samples, parts, strict=True)]
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from stack_counter import rotations
+from stack_counter.geometry import rotations
 
 
 def quaternions(number):
