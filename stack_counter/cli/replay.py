@@ -13,6 +13,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stack_counter.cli.arrangement import (
+    add_arrangement_argument,
+    check_arrangement,
+    simulate_arrangement,
+)
 from stack_counter.cli.common import (
     add_config_argument,
     add_time_arguments,
@@ -52,6 +57,7 @@ def add_replay(commands: argparse._SubParsersAction) -> None:
                         help="print the JSON schema of that, and do nothing else")
     replay.add_argument("--report", type=Path, metavar="DIR",
                         help="write the report page, its model and its pictures here")
+    add_arrangement_argument(replay)
     how = replay.add_mutually_exclusive_group()
     how.add_argument("--nodes", dest="nodes", action="store_true", default=True,
                      help="through the three ROS 2 nodes (default)")
@@ -95,6 +101,7 @@ def _replay(options: argparse.Namespace) -> int:
     # Refuse at once what cannot be counted, with what that takes: help is to load none of it.
     config = _settings(options)
     part = _part(options, config)
+    check_arrangement(options, config, part)
     chosen_time_range(options)  # raises what is wrong with it
     require_bag(options.bag)
     if options.nodes:
@@ -224,8 +231,9 @@ def _show_result(options: argparse.Namespace, config: Config, part: Part, result
     if options.json:
         options.json.write_text(json.dumps(as_dict(count, result.counts), indent=2) + "\n")
     if options.report:
-        write_report(options.report, count, result.counts,
-                     report_subject(options.bag, config, part.name, count, true_count))
+        arrangement = simulate_arrangement(part, count) if options.arrangement else None
+        write_report(options.report, count, result.counts, report_subject(
+            options.bag, config, part.name, count, true_count, arrangement))
 
 
 def _show_regions(options: argparse.Namespace, config: Config, part: Part,

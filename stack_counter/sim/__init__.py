@@ -26,7 +26,7 @@ from stack_counter.sim.physics.collision import convex_pieces, rough_form
 from stack_counter.sim.physics.container_draws import draw_deep_container
 from stack_counter.sim.physics.decomposition.form import PieceForm, measure_form
 from stack_counter.sim.physics.drop import simulate_pile
-from stack_counter.sim.physics.plans import FRICTION, draw_plan_in_container
+from stack_counter.sim.physics.plans import FRICTION, draw_plan_in_container, plan_pour
 from stack_counter.sim.physics.recipes import (
     PART_PILE_PIECES,
     SCENES_PER_RIG,
@@ -83,6 +83,7 @@ __all__ = [
     "open_library",
     "parts_from_above",
     "picture_key_view",
+    "plan_pour",
     "read_piles",
     "read_scenes",
     "read_shard",

@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from stack_counter.errors import MeshError
 from stack_counter.sim import simplify_solid
-from stack_counter.teaching.solid_mesh import ExpectedSolid, load_solid
+from stack_counter.teaching.solid_mesh import UNITS, ExpectedSolid, load_solid
 
 
 @dataclass(frozen=True)
@@ -19,10 +21,12 @@ class PartMeshSettings:
     Attributes:
         sizes_m: largest sides of parts that a robot cell handles, metres.
         max_faces: number of triangles for simulation; more bring time and no form.
+        same_volume: relative difference up to which a mesh has the volume of a known part.
     """
 
     sizes_m: tuple[float, float] = (0.003, 0.5)
     max_faces: int = 6000
+    same_volume: float = 1e-2
 
 
 SETTINGS = PartMeshSettings()
@@ -73,3 +77,28 @@ def load_part_mesh(path: Path, unit: str = "mm") -> PartMesh:
         mesh = coarse
     return PartMesh(np.asarray(mesh.vertices - mesh.center_mass, float),
                     np.asarray(mesh.faces, np.int32), volume, tuple(notes))
+
+
+def load_mesh_of_volume(path: Path, unit_volume: float) -> PartMesh:
+    """Reads the CAD file of a part whose volume says in which unit its numbers are.
+
+    Args:
+        path: as of `load_part_mesh`.
+        unit_volume: v of the part, m3.
+
+    Raises:
+        FileNotFoundError: no such file.
+        MeshError: it is no solid, or has another volume in every unit.
+    """
+    seen = []
+    for unit in UNITS:
+        try:
+            mesh = load_part_mesh(path, unit)
+        except MeshError as error:
+            seen.append(f"in {unit} {error}")
+            continue
+        if math.isclose(mesh.unit_volume, unit_volume, rel_tol=SETTINGS.same_volume):
+            return mesh
+        seen.append(f"in {unit} v is {mesh.unit_volume * 1e6:.6g} cm3")
+    raise MeshError(f"{path}: {'; '.join(seen)}; expected {unit_volume * 1e6:.6g} cm3, as the "
+                    "catalogue says: part add it again")

@@ -60,7 +60,7 @@ class SimulatedPilesSettings:
 
 SETTINGS = SimulatedPilesSettings()
 # The simulator's kind of a container that the run time calls so.
-_SIMULATED_KIND = {"box": "bin", "round": "cylinder", "free": "bag"}
+SIMULATED_KIND = {"box": "bin", "round": "cylinder", "free": "bag"}
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ def make_rig_container(config: ReconstructorConfig) -> ContainerShape | None:
     if taught is None:
         kind, size = config.container_kind, config.container_inner_size_m
         kind = "box" if kind == "auto" else kind
-        if kind not in _SIMULATED_KIND or not all(size):
+        if kind not in SIMULATED_KIND or not all(size):
             return None
         wall_m = config.container_wall_m or SETTINGS.default_wall_m
         x, y, depth = size
@@ -265,5 +265,5 @@ def scale_container(container: ContainerShape, factor: float) -> ContainerShape:
 def _make_container(kind: str, size_m: tuple[float, float, float], wall_m: float, floor_m: float,
                     draft_rad: float) -> ContainerShape:
     """A container at the world's origin; `kind` as the run time calls it."""
-    return ContainerShape(_SIMULATED_KIND[kind], geometry.pose(np.eye(3), np.zeros(3)), size_m,
+    return ContainerShape(SIMULATED_KIND[kind], geometry.pose(np.eye(3), np.zeros(3)), size_m,
                           wall_m, floor_m, draft_rad)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The nouns of the package as frozen dataclasses: SI units, optical camera frames, z-up world."""
 
+from stack_counter.types.arrangement import Arrangement
 from stack_counter.types.filling_level import CellFillingLevel, FillingLevel, RangeValue
 from stack_counter.types.part_form import KnownForm, KnownLevel, MeshMeasures
 from stack_counter.types.part_request import PartRequest
@@ -33,6 +34,7 @@ from stack_counter.types.views import (
 from stack_counter.types.visible_parts import VisiblePart
 
 __all__ = [
+    "Arrangement",
     "BACKGROUND",
     "CONTAINER",
     "CONTAINER_KINDS",

@@ -77,6 +77,8 @@ def test_empty_bin_counts_zero(tmp_path, capsys):
     ([*UNIT, "--weights", "none.safetensors"], "no weights file none.safetensors"),
     ([*UNIT, "--config", "none.yaml"], "none.yaml"),
     ([*UNIT, "--rate", "-1"], "--rate is -1.0"),
+    ([*UNIT, "--arrangement"], "--arrangement without --report; expected --report DIR"),
+    ([*UNIT, "--arrangement", "--report", "out"], "which has no mesh; expected one"),
 ])
 def test_bad_options_exit_2_with_one_line(tmp_path, capsys, options, said):
     path = bag(tmp_path)

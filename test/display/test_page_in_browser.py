@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a report in headless Chromium: it loads its model, and asks for nothing."""
 
+import json
 import re
 import shutil
 import subprocess
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kits.browser import CHROMIUM, browser_page
-from kits.counted_bin import counted_bin
+from kits.counted_bin import counted_bin, plausible_parts
 
 from stack_counter.config import Config
 from stack_counter.display.page.subject import ReportSubject
@@ -34,7 +35,8 @@ REASONS = (Reason.ONE_SIDE, Reason.LOW_COVERAGE, Reason.NOISY_DEPTH, Reason.CROW
 def path(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     write_report(folder, counted_bin(REASONS), [], ReportSubject(
-        "bin 7", "nut", "unsure", "expected 100 ± 2", settings=vars(Config())))
+        "bin 7", "nut", "unsure", "expected 100 ± 2", settings=vars(Config()),
+        arrangement=plausible_parts()))
     return folder / "report.html"
 
 
@@ -62,6 +64,24 @@ def test_the_model_loads_and_nothing_is_requested(browser, path):
     blue, _, red = np.moveaxis(picture, -1, 0)
     assert (red > blue + 40).mean() > 0.02 and (blue > red + 40).mean() > 0.02
     assert (picture.min(axis=-1) > 250).mean() > 0.2
+
+
+def test_what_may_lie_below_shows_through_the_surface(browser, path):
+    browser.look(1000, 900)
+    browser.open(path)
+    assert browser.value(MODEL_IS_SHOWN)
+    materials = """JSON.stringify(document.querySelector('model-viewer').model.materials.map(
+        m => [m.name, m.getAlphaMode(), m.pbrMetallicRoughness.baseColorFactor[3]]))"""
+    opaque = [["surface", "OPAQUE", 1], ["container", "OPAQUE", 1],
+              ["plausible parts", "MASK", 0]]
+    assert json.loads(browser.value(materials)) == opaque
+    box = "document.querySelector('.inside input').click()"
+    browser.value(box)
+    surface, container, parts = json.loads(browser.value(materials))
+    assert surface[1] == "BLEND" and surface[2] < 0.5
+    assert container == opaque[1] and parts[1:] == ["OPAQUE", 1]
+    browser.value(box)
+    assert json.loads(browser.value(materials)) == opaque and browser.errors == []
 
 
 def test_a_fetch_is_refused_by_the_policy(browser, path):

@@ -4,12 +4,14 @@
 from dataclasses import replace
 
 import numpy as np
+import trimesh
 
 from stack_counter import geometry
 from stack_counter.counting import make_count
 from stack_counter.types import (
     CONTAINER,
     PARTS,
+    Arrangement,
     CellFillingLevel,
     Container,
     FillingLevel,
@@ -102,3 +104,13 @@ def counted_bin(reasons=(Reason.ONE_SIDE,), **changes):
     estimate = OccupancyEstimate(0.4, 0.02, SCORES, "network", counted_scans=3,
                                  shares={"estimator": 0.25, "counted": 0.75})
     return replace(make_count(volume, 12e-6, estimate, 0.9), seconds=volume.seconds)
+
+
+def plausible_parts(count=6, part=None):
+    """So many cubes, or other parts, in a row on the bin's floor; three more stood out."""
+    part = trimesh.creation.box((0.02, 0.02, 0.02)) if part is None else part
+    T = np.tile(np.eye(4), (count, 1, 1))
+    T[:, 0, 3] = np.linspace(-0.1, 0.1, count) if count > 1 else 0.0
+    T[:, 2, 3] = FLOOR + 0.01
+    return Arrangement(Mesh(np.asarray(part.vertices, np.float32),
+                            np.asarray(part.faces, np.int32)), T, count + 3, 0.005, 4)

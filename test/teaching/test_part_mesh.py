@@ -9,7 +9,7 @@ import trimesh
 from kits.memory import limited_memory
 
 from stack_counter.errors import MeshError
-from stack_counter.teaching.part_mesh import SETTINGS, load_part_mesh
+from stack_counter.teaching.part_mesh import SETTINGS, load_mesh_of_volume, load_part_mesh
 
 BOX = trimesh.creation.box((20, 30, 40))
 
@@ -25,6 +25,16 @@ def test_a_solid_in_millimetres(tmp_path, name):
     assert part.unit_volume == pytest.approx(24e-6) and part.notes == ()
     assert part.size_m == pytest.approx([0.02, 0.03, 0.04])
     assert np.abs(part.vertices.mean(axis=0)).max() < 1e-9
+
+
+def test_the_volume_of_a_known_part_says_the_unit_of_its_file(tmp_path):
+    path = written(tmp_path, trimesh.creation.box((2, 3, 4)))
+    assert load_mesh_of_volume(path, 24 * 0.0254**3).size_m == pytest.approx([0.0508, 0.0762,
+                                                                              0.1016])
+    with pytest.raises(MeshError, match="in in v is 393.29 cm3; expected 30 cm3"):
+        load_mesh_of_volume(path, 30e-6)
+    with pytest.raises(FileNotFoundError):
+        load_mesh_of_volume(tmp_path / "none.stl", 24e-6)
 
 
 def test_a_sliver_may_close_a_seam(tmp_path):

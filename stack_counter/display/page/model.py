@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The 3D model of a report: a GLB file of the surface and the container.
+"""The 3D model of a report: a GLB file of surface, container and what may lie below.
 
 Source: glTF 2.0: y is up, vertex colours are linear, the default material is a metal.
 """
@@ -13,8 +13,13 @@ from stack_counter.types import Mesh
 _T_GLTF_WORLD = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
-def build_glb(meshes: dict[str, Mesh]) -> bytes:
-    """Returns a GLB file of meshes with colours, by name; world frame but with y up."""
+def build_glb(meshes: dict[str, Mesh], hidden: str = "") -> bytes:
+    """Returns a GLB file of meshes with colours, by name; world frame but with y up.
+
+    Args:
+        meshes: what it shows; each has a material of its name.
+        hidden: name of the mesh that does not show until its material is made opaque.
+    """
     import trimesh
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
@@ -25,7 +30,9 @@ def build_glb(meshes: dict[str, Mesh]) -> bytes:
         shape = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
         shape.apply_transform(_T_GLTF_WORLD)
         shape.visual = TextureVisuals(material=PBRMaterial(
-            name=name, metallicFactor=0.0, roughnessFactor=0.9, doubleSided=True))
+            name=name, metallicFactor=0.0, roughnessFactor=0.9, doubleSided=True,
+            **({"alphaMode": "MASK", "baseColorFactor": (255, 255, 255, 0)} if name == hidden
+               else {})))
         shape.visual.vertex_attributes["color"] = linear_colors(mesh.colors)
         scene.add_geometry(shape, node_name=name, geom_name=name)
     return bytes(scene.export(file_type="glb", include_normals=True))

@@ -12,6 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from stack_counter import __version__
 from stack_counter.display.page import charts, pictures, viewer
+from stack_counter.display.page.arranged_parts import arrangement_text
 from stack_counter.display.page.poster import SETTINGS as POSTER
 from stack_counter.display.page.subject import ReportSubject
 from stack_counter.display.visible_parts import visible_text
@@ -43,6 +44,7 @@ def render_page(count: StackCount, subject: ReportSubject, glb: bytes, poster: s
         count=count, volume=volume, subject=subject, files=files, scripts=scripts,
         style=viewer.page_style(), policy=viewer.security_policy(*scripts),
         model=pictures.data_uri("model/gltf-binary", glb) if glb else "",
+        arrangement=arrangement_text(subject.arrangement) if subject.arrangement else "",
         orbits=_orbits(count), poster=poster, poster_size=POSTER.size_px,
         key=pictures.key_picture(count), top=pictures.height_picture(volume),
         grid=charts.fill_grid(volume), histogram=charts.count_histogram(count),

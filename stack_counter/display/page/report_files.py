@@ -10,6 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from stack_counter.display.drawings import write_ply
+from stack_counter.display.page.arranged_parts import arrangement_to_show
 from stack_counter.display.page.model import build_glb
 from stack_counter.display.page.page import render_page
 from stack_counter.display.page.pictures import webp_uri
@@ -17,9 +19,10 @@ from stack_counter.display.page.poster import draw_poster
 from stack_counter.display.page.subject import ReportSubject
 from stack_counter.display.page.surfaces import container_to_show, surface_to_show
 from stack_counter.files import write_atomically
-from stack_counter.types import StackCount
+from stack_counter.types import Mesh, StackCount
 
 PAGE, MODEL, PICTURE = "report.html", "surface.glb", "surface.png"
+ARRANGEMENT, PLAUSIBLE_PARTS = "plausible_parts.ply", "plausible parts"
 
 
 def write_page(folder: Path, count: StackCount, subject: ReportSubject,
@@ -47,7 +50,16 @@ def write_page(folder: Path, count: StackCount, subject: ReportSubject,
         if not cv2.imwrite(str(folder / PICTURE), _on_white(picture)):
             raise OSError(f"cannot write {folder / PICTURE}")
         files += [MODEL, PICTURE]
+        if (parts := _arranged_parts(subject)) is not None:
+            glb = build_glb({**meshes, PLAUSIBLE_PARTS: parts}, hidden=PLAUSIBLE_PARTS)
+            write_ply(folder / ARRANGEMENT, parts)
+            files.append(ARRANGEMENT)
     write_atomically(folder / PAGE, render_page(count, subject, glb, poster, sorted(files)))
+
+
+def _arranged_parts(subject: ReportSubject) -> Mesh | None:
+    """Returns what may lie below the surface; None where nothing is known of it."""
+    return None if subject.arrangement is None else arrangement_to_show(subject.arrangement)
 
 
 def _on_white(picture: np.ndarray) -> np.ndarray:

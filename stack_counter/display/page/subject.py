@@ -11,7 +11,7 @@ from typing import Any
 
 from stack_counter.config import Config
 from stack_counter.counting import verdict
-from stack_counter.types import StackCount
+from stack_counter.types import Arrangement, StackCount
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +25,7 @@ class ReportSubject:
         expected: what was expected, in words; empty if nothing was.
         true_count: number of parts that are really there; None where nobody knows.
         settings: settings objects by the name of the node that they are of.
+        arrangement: how the parts that no view shows may lie; None where none was simulated.
     """
 
     scan: str = ""
@@ -33,6 +34,7 @@ class ReportSubject:
     expected: str = ""
     true_count: int | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
+    arrangement: Arrangement | None = None
 
     def setting_rows(self) -> list[tuple[str, str, str, bool]]:
         """Returns node, name and value of each setting, and whether it differs from the default.
@@ -46,7 +48,8 @@ class ReportSubject:
 
 
 def report_subject(bag: Path, config: Config, part: str, count: StackCount,
-                   true_count: int | None = None) -> ReportSubject:
+                   true_count: int | None = None, arrangement: Arrangement | None = None
+                   ) -> ReportSubject:
     """Returns what a report of a replayed bag is of.
 
     Args:
@@ -55,10 +58,11 @@ def report_subject(bag: Path, config: Config, part: str, count: StackCount,
         part: name of what is in the bin; empty where only its volume was given.
         count: final count.
         true_count: number of parts that are really there; None where nobody knows.
+        arrangement: how the parts that no view shows may lie; None where none was simulated.
     """
     wanted, tolerance = config.counter.expected_count, config.counter.tolerance
     return ReportSubject(
         scan=bag.resolve().name, part=part,
         verdict=verdict(count.count_interval, wanted, tolerance),
         expected=f"expected {wanted} ± {tolerance}" if wanted else "",
-        true_count=true_count, settings=vars(config))
+        true_count=true_count, settings=vars(config), arrangement=arrangement)

@@ -164,6 +164,13 @@ def draw_plan_in_container(random: np.random.Generator, shape: Shape, container:
                       _draw_handling(random, friction))
 
 
+def plan_pour(random: np.random.Generator, shape: Shape, container: ContainerShape,
+              friction: tuple[float, float], count: int) -> PilePlan:
+    """Draws how so many parts are poured into a given container."""
+    return PilePlan(shape, container, _pour_column(container), count,
+                    **asdict(_draw_handling(random, friction)))
+
+
 def draw_box_plan(random: np.random.Generator, shape: Shape, max_parts: int) -> PilePlan:
     """Draws one scene like those of the paper's test set.
 

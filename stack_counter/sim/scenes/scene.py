@@ -56,6 +56,13 @@ class Scene:
         return Mesh(world.astype(np.float32),
                     (faces[None] + offsets).reshape(-1, 3).astype(np.int32))
 
+    def part_poses(self) -> np.ndarray:
+        """(n, 4, 4) float64 poses of the parts in the world."""
+        T_container_parts = np.tile(np.eye(4), (len(self.poses), 1, 1))
+        T_container_parts[:, :3, :3] = rotation_matrices(self.poses)
+        T_container_parts[:, :3, 3] = self.poses[:, :3]
+        return self.container.T_world_container @ T_container_parts
+
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner (3,) of what parts and container span, world, metres."""
         points, container = self.parts_mesh().vertices.astype(float), self.container.mesh()
