@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # make setup: everything into .venv | demo: count a recorded bag twice | test: lint and tests
+# make setup-cell: what counting takes and no more: without torch, simulation and tests
 # make docs: the documentation as a site, into out/docs/index.html; a warning is an error
 # make soak: many scans in a row, and every node killed in every state (some ten minutes)
 # make lock: pins of all packages with their hashes, from .venv into requirements.lock
@@ -17,13 +18,16 @@ CORE := test/test_*.py $(addprefix test/,views fusion display occupancy containe
 # Puts this package's messages on the paths where ROS 2 is sourced; does nothing elsewhere.
 IN_VENV := source .venv/ros.bash &&
 
-.PHONY: help setup demo test lint docs soak fuzz lock sbom coverage clean
+.PHONY: help setup setup-cell demo test lint docs soak fuzz lock sbom coverage clean
 
 help:
-	@sed -n '2,10s/^# //p' Makefile
+	@sed -n '2,11s/^# //p' Makefile
 
 setup:
 	@PYTHON="$(PYTHON)" LOCKED="$(LOCKED)" bash scripts/setup.sh
+
+setup-cell:
+	@CELL=1 $(MAKE) --no-print-directory setup
 
 demo: setup
 	@echo; echo "The demo bin, 182 flange nuts. Only the volume of one is known:"; echo

@@ -36,6 +36,10 @@ REQUIRES = [
     "zstandard>=0.25",  # (no key: comes with mcap)
 ]
 
+# What a cell that only counts has in place of some of these (`make setup-cell`): torch is for
+# training, tuning and foreign networks, and Open3D without CUDA does all that is asked of it here.
+CELL_REPLACES = {"torch": None, "open3d": "open3d-cpu>=0.20"}
+
 EXTRAS = {
     # ROS 2 Jazzy as Python wheels (x86-64), for environments where it is not sourced; from
     # rosidl on, what building the message packages takes.
@@ -112,6 +116,13 @@ EXTRAS = {
         "websockets>=15.0.1",  # (no key)
     ],
 }
+
+
+def cell_requires() -> list[str]:
+    """What a cell that only counts installs: `REQUIRES` as `CELL_REPLACES` changes it."""
+    names = [line.split(">=")[0] for line in REQUIRES]
+    return [wanted for name, line in zip(names, REQUIRES)
+            if (wanted := CELL_REPLACES.get(name, line))]
 
 
 def share(folder: str, *patterns: str) -> tuple[str, list[str]]:

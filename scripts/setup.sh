@@ -6,6 +6,8 @@
 # each step; details are in .venv/setup.log. PYTHON names an interpreter (3.11 to 3.13).
 # ROS 2 Jazzy comes from where it is sourced (ROS_DISTRO is set), else from Python wheels.
 # LOCKED=1 installs what requirements.lock pins, by hash, in place of the newest that fit.
+# CELL=1 (`make setup-cell`) installs what counting takes, without torch, simulation and tests; a
+# .venv made so stays so.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
@@ -207,8 +209,9 @@ install_dependencies() {  # setuptools first: it reads setup.py, and Python 3.12
   fi
   install "$setuptools" wheel || return
   "$venv/bin/python" -c 'import sys, setup
-print(*setup.REQUIRES, *(line for extra in sys.argv[1:] for line in setup.EXTRAS[extra]), sep="\n")
-' $extras >"$venv/requirements.txt" && install -r "$venv/requirements.txt"
+requires = setup.cell_requires() if sys.argv[1] else setup.REQUIRES
+print(*requires, *(line for extra in sys.argv[2:] for line in setup.EXTRAS[extra]), sep="\n")
+' "$cell" $extras >"$venv/requirements.txt" && install -r "$venv/requirements.txt"
 }
 
 install_package() {  # the commands; all else is used where it lies
@@ -230,11 +233,19 @@ export AMENT_PREFIX_PATH="$venv\${AMENT_PREFIX_PATH:+:\$AMENT_PREFIX_PATH}"
 SH
 }
 
+cell=${CELL:-}
+[[ ! -f $venv/stamps/cell ]] || cell=1
+everything="sim train models robot cad pictures view archive mqtt opcua docs test"
+if [[ -n $cell ]]; then
+  [[ ! -f $venv/stamps/works || -f $venv/stamps/cell ]] ||
+    fail ".venv was made with everything; 'make clean' and run again for a cell"
+  everything="mqtt opcua"
+fi
 if [[ $mode == wheels ]]; then
-  extras="wheels sim train models robot cad pictures view archive mqtt opcua docs test"
+  extras="wheels $everything"
   setuptools="setuptools>=77"
 else
-  extras="sourced sim train models robot cad pictures view archive mqtt opcua docs test"
+  extras="sourced $everything"
   setuptools="setuptools>=70,<80"  # colcon calls setup.py in ways that later ones dropped
 fi
 
@@ -243,14 +254,17 @@ if changed environment "$environment" || [[ ! -x $venv/bin/python ]]; then
   step "virtual environment .venv" make_venv
   stamp environment "$environment"
 fi
+[[ -z $cell ]] || stamp cell "without torch"
 
 lock=
 if [[ -n ${LOCKED:-} ]]; then
+  [[ -z $cell ]] || fail "LOCKED=$LOCKED for a cell; expected one of both: requirements.lock" \
+                         "has all packages"
   [[ $mode == wheels ]] || fail "LOCKED=$LOCKED and ROS 2 is sourced; expected a shell without" \
                                 "it: requirements.lock has ROS 2 as wheels"
   lock=requirements.lock
 fi
-dependencies=$(key setup.py scripts/setup.sh $lock)
+dependencies=$(key setup.py scripts/setup.sh ${cell:+cell} $lock)
 package=$(key "$dependencies" setup.cfg package.xml resource config $(compgen -G launch || true))
 if changed dependencies "$dependencies"; then
   step "dependencies (minutes and some gigabytes the first time)" install_dependencies
@@ -317,7 +331,7 @@ fi
 check() {  # in a shell of its own: ROS's set-up files read variables that may be unset
   bash -c 'source "$1/ros.bash" && "$1/bin/python" -c "$2"' check "$venv" '
 import rclpy, stack_counter_msgs.msg, tf2_msgs.msg
-import cv2, onnxruntime, open3d, torch'
+import cv2, onnxruntime, open3d'"$([[ -n $cell ]] || echo ', torch')"
 }
 
 works=$(key "$dependencies" "$messages" "$package")
@@ -325,4 +339,4 @@ if changed works "$works"; then
   step "check of the imports" check
   stamp works "$works"
 fi
-echo "setup: .venv is ready ($SECONDS s)"
+echo "setup: .venv is ready${cell:+, for a cell that only counts} ($SECONDS s)"

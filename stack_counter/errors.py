@@ -6,6 +6,9 @@ Every message holds the value seen and the value expected, on one line.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class StackCounterError(Exception):
     """Base of all errors raised on purpose by this package."""
@@ -54,6 +57,30 @@ class ViewError(StackCounterError):
     def on(self, topic: str) -> ViewError:
         """Returns the error with the name of the topic that has given rise to it."""
         return ViewError(self.reason, f"{topic}: {self._message}")
+
+
+# Packages that a set-up may lack, and what brings them.
+_LEFT_OUT_OF_CELLS = {"torch": "torch", **dict.fromkeys(
+    ("sapien", "coacd", "manifold3d", "matplotlib"), "'stack_counter[sim]'")}
+
+
+@contextmanager
+def naming_missing_packages() -> Iterator[None]:
+    """Has the lack of a package that `make setup-cell` leaves out be a wrong set-up, no defect.
+
+    Raises:
+        ConfigError: in place of the error of the import; other modules that are missing are
+            defects, and their error stays.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in _LEFT_OUT_OF_CELLS:
+            raise
+        raise ConfigError(f"this takes the package {package}, which is not installed; expected "
+                          "everything (make clean setup) or pip install "
+                          f"{_LEFT_OUT_OF_CELLS[package]}") from error
 
 
 def defect_line(what: str, error: Exception) -> str:

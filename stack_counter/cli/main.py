@@ -32,7 +32,7 @@ from stack_counter.cli.run import add_run
 from stack_counter.cli.simulate import add_simulate
 from stack_counter.cli.view import add_view
 from stack_counter.config import load_config
-from stack_counter.errors import StackCounterError, exit_code_of
+from stack_counter.errors import StackCounterError, exit_code_of, naming_missing_packages
 from stack_counter.eval.arguments import ADD_ARGUMENTS
 from stack_counter.files import config_path
 from stack_counter.train.arguments import add_train_arguments
@@ -63,7 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
     logging.basicConfig(level=logging.ERROR, format="%(message)s", stream=sys.stderr)
     try:
         options = _make_parser().parse_args(arguments)
-        with _interrupted_by_sigterm():
+        with _interrupted_by_sigterm(), naming_missing_packages():
             return options.run(options)
     except (StackCounterError, OSError) as error:
         return _report_error(error)

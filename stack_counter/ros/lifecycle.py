@@ -24,7 +24,7 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Empty, Header
 
 from stack_counter.config import SETTING_NAMES, Section, build_section
-from stack_counter.errors import StackCounterError
+from stack_counter.errors import StackCounterError, naming_missing_packages
 from stack_counter.named_region import REGIONS, nest
 from stack_counter.parameter_files import NAMESPACE, misspelled_names
 from stack_counter.ros.bad_requests import guarded
@@ -111,7 +111,8 @@ class ManagedNode(LifecycleNode, Generic[Section]):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Reads the parameters and sets the node up; a bad one fails the transition."""
         try:
-            self.setup(self.read_config())
+            with naming_missing_packages():
+                self.setup(self.read_config())
         except StackCounterError as error:
             self.get_logger().error(str(error))
             self._release()
