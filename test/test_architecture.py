@@ -13,10 +13,9 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "stack_counter"
 
-# The ground: modules directly in the package. Each may import those before it.
-GROUND = ("errors", "types", "named_region", "parameter_files", "setting_fields", "config",
-          "geometry", "files", "pretrained", "inference", "counting", "weighing",
-          "tasks")
+# The ground: each may import those before it.
+GROUND = ("errors", "types", "config", "geometry", "files", "pretrained", "inference", "counting",
+          "weighing", "tasks")
 # Package -> which others it may import besides the ground; only what stands above it here.
 LAYERS = {
     "lean_open3d": (), "views": ("lean_open3d",), "fusion": ("lean_open3d",), "display": (),

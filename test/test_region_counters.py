@@ -8,8 +8,8 @@ from kits.analytic import Scene
 from kits.bags import CAMERA
 
 from stack_counter.config import ReconstructorConfig
+from stack_counter.config.named_region import NamedRegion
 from stack_counter.errors import ConfigError, ViewError
-from stack_counter.named_region import NamedRegion
 from stack_counter.pipeline import StackCounter
 from stack_counter.region_counters import RegionCounters
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from stack_counter.config.setting_fields import build_section, setting
 from stack_counter.errors import ConfigError
 from stack_counter.files import parse_yaml
-from stack_counter.setting_fields import build_section, setting
 
 
 def _read_names(value: Any) -> tuple[str, ...]:

@@ -12,9 +12,9 @@ import yaml
 
 from stack_counter.cli.common import add_config_argument
 from stack_counter.config import Config, load_config, read_parameters
+from stack_counter.config.parameter_files import NAMESPACE, OF_EVERY_NODE, write_parameter_file
 from stack_counter.errors import ConfigError
 from stack_counter.files import config_path
-from stack_counter.parameter_files import NAMESPACE, OF_EVERY_NODE, write_parameter_file
 
 _NODES = ("collector", "reconstructor", "counter")
 

@@ -10,8 +10,8 @@ from stack_counter_msgs.msg import StackCount, StackVolume
 from visualization_msgs.msg import MarkerArray
 
 from stack_counter.config import CounterConfig
+from stack_counter.config.named_region import MOST_REGIONS
 from stack_counter.errors import StackCounterError, defect_line
-from stack_counter.named_region import MOST_REGIONS
 from stack_counter.nodes.count_action import CountAction
 from stack_counter.nodes.count_publishers import CountPublishers
 from stack_counter.nodes.result_logging import ResultLogging

@@ -25,8 +25,8 @@ from rclpy.serialization import deserialize_message
 
 from stack_counter.bag.formats.recording_file import Record
 from stack_counter.bag.reader import BagReader
+from stack_counter.config.parameter_files import NAMESPACE
 from stack_counter.errors import BagError
-from stack_counter.parameter_files import NAMESPACE
 from stack_counter.ros.processes import shared_memory_environment
 from stack_counter.ros.qos import LATCHED_ALL, record_qos
 from stack_counter.ros.security import check_security

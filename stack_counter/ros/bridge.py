@@ -19,8 +19,8 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from stack_counter.bridges.sinks import ResultSink, SinkThread
-from stack_counter.named_region import MOST_REGIONS
-from stack_counter.parameter_files import NAMESPACE
+from stack_counter.config.named_region import MOST_REGIONS
+from stack_counter.config.parameter_files import NAMESPACE
 from stack_counter.ros.qos import LATCHED_ALL, RESULT_JSON
 from stack_counter.ros.security import check_security
 

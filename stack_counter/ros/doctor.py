@@ -19,8 +19,8 @@ from rclpy.serialization import deserialize_message
 from stack_counter.bag.camera_topics import fit_rig_to_bag, missing_depth_line
 from stack_counter.bag.doctor import camera_finding
 from stack_counter.config import CollectorConfig, Config
+from stack_counter.config.parameter_files import NAMESPACE
 from stack_counter.errors import BagError
-from stack_counter.parameter_files import NAMESPACE
 from stack_counter.ros.graph_findings import (
     COLLECTOR,
     NO_ANSWER,

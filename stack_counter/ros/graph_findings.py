@@ -13,7 +13,7 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 
-from stack_counter.parameter_files import NAMESPACE
+from stack_counter.config.parameter_files import NAMESPACE
 from stack_counter.views.checkup.checkup import Checkup
 from stack_counter.views.checkup.diagnosis import SETTINGS
 from stack_counter.views.checkup.findings import Finding, Severity

@@ -24,16 +24,16 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Empty, Header
 
 from stack_counter.config import SETTING_NAMES, Section, build_section
+from stack_counter.config.named_region import REGIONS, nest
+from stack_counter.config.parameter_files import NAMESPACE, misspelled_names
+from stack_counter.config.setting_fields import path_refusal
 from stack_counter.errors import StackCounterError, naming_missing_packages
-from stack_counter.named_region import REGIONS, nest
-from stack_counter.parameter_files import NAMESPACE, misspelled_names
 from stack_counter.ros.bad_requests import guarded
 from stack_counter.ros.descriptors import describe_parameter
 from stack_counter.ros.diagnostics import ERROR, OK, memory_mb, process_age_s, summarize, to_array
 from stack_counter.ros.node_arguments import fully_named
 from stack_counter.ros.qos import DIAGNOSTICS, HEARTBEAT
 from stack_counter.ros.security import exit_if_insecure
-from stack_counter.setting_fields import path_refusal
 from stack_counter.tasks.child_processes import end_with_parent
 
 _DIAGNOSTICS_PERIOD_S = 1.0

@@ -19,8 +19,8 @@ from std_srvs.srv import Trigger
 
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.replayed import no_count_line
+from stack_counter.config.parameter_files import NAMESPACE
 from stack_counter.errors import ScanError
-from stack_counter.parameter_files import NAMESPACE
 from stack_counter.ros.conversions import from_skips
 from stack_counter.ros.heard_counts import HeardCounts
 from stack_counter.ros.part_fields import to_part_fields

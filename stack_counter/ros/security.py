@@ -7,8 +7,8 @@ import os
 import sys
 from importlib.util import find_spec
 
+from stack_counter.config.parameter_files import NAMESPACE
 from stack_counter.errors import ConfigError
-from stack_counter.parameter_files import NAMESPACE
 
 
 def check_security() -> None:

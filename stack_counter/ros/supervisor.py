@@ -24,7 +24,7 @@ from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 
 from stack_counter.config import load_config
-from stack_counter.parameter_files import NAMESPACE
+from stack_counter.config.parameter_files import NAMESPACE
 from stack_counter.ros.diagnostics import ERROR, OK, to_array
 from stack_counter.ros.part_fields import from_part_fields
 from stack_counter.ros.processes import NODES, SupervisedProcess

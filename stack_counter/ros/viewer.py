@@ -23,8 +23,8 @@ from rclpy.subscription import Subscription
 
 from stack_counter.bag.message_definitions import message_definition
 from stack_counter.config import CollectorConfig
+from stack_counter.config.parameter_files import NAMESPACE
 from stack_counter.errors import BagError, ConfigError
-from stack_counter.parameter_files import NAMESPACE
 from stack_counter.ros.processes import shared_memory_environment
 from stack_counter.ros.qos import RELIABLE, profile_that_hears
 from stack_counter.ros.security import check_security

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from stack_counter.config.setting_fields import is_inline
 from stack_counter.errors import ConfigError
-from stack_counter.setting_fields import is_inline
 
 _SHOWN_LETTERS = 200  # of prompts in a message
 _FARTHEST_PX = 1e6  # a number beyond it is no pixel of an image

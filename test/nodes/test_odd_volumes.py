@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 from stack_counter_msgs.msg import StackVolume
 
-from stack_counter.named_region import MOST_REGIONS
+from stack_counter.config.named_region import MOST_REGIONS
 from stack_counter.nodes import counter
 from stack_counter.nodes.counter import CounterNode
 from stack_counter.types import PartRequest

@@ -10,7 +10,7 @@ from stack_counter_msgs.msg import StackCount
 from std_srvs.srv import Trigger
 
 from stack_counter.config import ReconstructorConfig
-from stack_counter.named_region import NamedRegion
+from stack_counter.config.named_region import NamedRegion
 from stack_counter.nodes.report_service import ReportService, new_folder
 from stack_counter.ros.standard_messages import to_header
 from stack_counter.types import Container, Mesh, StackVolume, ViewTally

@@ -10,12 +10,12 @@ import pytest
 from std_srvs.srv import Trigger
 
 from stack_counter.config import CollectorConfig, Config, CounterConfig, ReconstructorConfig
+from stack_counter.config.setting_fields import path_refusal
 from stack_counter.errors import ConfigError
 from stack_counter.ros import bad_requests
 from stack_counter.ros.bad_requests import check_names, guarded
 from stack_counter.ros.descriptors import describe_parameter
 from stack_counter.ros.private_domain import PrivateDomain
-from stack_counter.setting_fields import path_refusal
 
 FIELDS = {field.name: field for section in (CollectorConfig, ReconstructorConfig, CounterConfig)
           for field in dataclasses.fields(section)}

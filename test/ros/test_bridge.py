@@ -12,7 +12,7 @@ from kits.flat_results import flat
 from kits.harness import LATCHED, Harness
 from std_msgs.msg import String
 
-from stack_counter.parameter_files import NAMESPACE
+from stack_counter.config.parameter_files import NAMESPACE
 from stack_counter.ros.bridge import Bridge
 from stack_counter.ros.qos import LATCHED_ALL
 

@@ -10,7 +10,7 @@ import pytest
 import rclpy
 from rclpy.node import Node
 
-from stack_counter.parameter_files import NAMESPACE
+from stack_counter.config.parameter_files import NAMESPACE
 from stack_counter.ros.diagnostics import data_age_s
 from stack_counter.ros.node_arguments import fully_named
 from stack_counter.ros.private_domain import PrivateDomain

@@ -5,9 +5,9 @@ import pytest
 import yaml
 
 from stack_counter.config import Config, load_config, read_parameters, to_ros_parameters
+from stack_counter.config.named_region import NamedRegion
+from stack_counter.config.parameter_files import write_parameter_file
 from stack_counter.errors import ConfigError
-from stack_counter.named_region import NamedRegion
-from stack_counter.parameter_files import write_parameter_file
 
 
 def written(tmp_path, text):

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from stack_counter import parameter_files
+from stack_counter.config import parameter_files
+from stack_counter.config.named_region import REGIONS, NamedRegion, read_regions, write_regions
+from stack_counter.config.setting_fields import build_section
+from stack_counter.config.setting_fields import setting as _setting
 from stack_counter.errors import ConfigError
-from stack_counter.named_region import REGIONS, NamedRegion, read_regions, write_regions
-from stack_counter.setting_fields import build_section
-from stack_counter.setting_fields import setting as _setting
 
 
 @dataclass(frozen=True)

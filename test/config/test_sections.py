@@ -15,7 +15,7 @@ from stack_counter.config import (
 )
 from stack_counter.errors import ConfigError
 
-SHIPPED = Path(__file__).parents[1] / "config" / "stack_counter.yaml"
+SHIPPED = Path(__file__).parents[2] / "config" / "stack_counter.yaml"
 
 
 def test_shipped_file_holds_every_default_and_its_description():

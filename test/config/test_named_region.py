@@ -10,8 +10,8 @@ from stack_counter.config import (
     load_config,
     to_ros_parameters,
 )
+from stack_counter.config.named_region import NamedRegion, nest, read_regions, write_regions
 from stack_counter.errors import ConfigError
-from stack_counter.named_region import NamedRegion, nest, read_regions, write_regions
 
 LEFT = NamedRegion("left", (-0.1, 0.0, 0.1), (0.2, 0.3, 0.2))
 RIGHT = NamedRegion("Right_2", (0.1, 0.0, 0.1), (0.2, 0.3, 0.25))

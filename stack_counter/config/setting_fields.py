@@ -8,8 +8,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
+from stack_counter.config.parameter_files import nearest_name
 from stack_counter.errors import ConfigError
-from stack_counter.parameter_files import nearest_name
 
 Settings = TypeVar("Settings")
 
