@@ -5,7 +5,8 @@
         --pictures PICTURES --out WEIGHTS
 
 Each truly fused scan is counted by the one member that never saw its family; the scores are of the
-whole count, gamma and V together.
+whole count, gamma and V together. With `--unseen-scans DIR` they are narrowed by what members gain
+from counting together.
 """
 
 from __future__ import annotations
@@ -81,24 +82,52 @@ def count_with_members(members: dict[int, nn.Module], scans: list[FusedScan],
     """
     residuals = []
     for scan in scans:
-        sample = scan.sample
-        net = members.get(fold[sample.family])
-        if net is None or not scan.volume > 0 or not sample.maps.height.any():
-            continue
-        # Predict as the run time does.
-        prediction = predict_gamma(TorchEnsemble([net]), sample.maps,
-                                   hide_above(sample.known, level), fused_resolution(sample))
-        gamma = float(np.exp(prediction.log_gamma))
-        doubt = assess_doubt(
-            sample.maps, parts=gamma * scan.volume / sample.part_length_m**3,
-            part_size=float(np.exp(prediction.shape_logs[0])),
-            walled=sample.container_kind != "none", domain=domain)
-        # Compare the count, gamma and V together.
-        log_ratio = np.log(sample.gamma) - prediction.log_gamma + np.log(
-            scan.true_volume / scan.volume)
-        residuals.append(Residual(scan, gamma, float(log_ratio), float(np.hypot(
-            prediction.relative_std * doubt.widening, scan.volume_std / scan.volume))))
+        net = members.get(fold[scan.sample.family])
+        if net is not None and is_countable(scan):
+            residuals.append(count_scan([net], scan, domain, level))
     return residuals
+
+
+def is_countable(scan: FusedScan) -> bool:
+    """Whether a scan shows a stack at all."""
+    return bool(scan.volume > 0 and scan.sample.maps.height.any())
+
+
+def count_scan(nets: list[nn.Module], scan: FusedScan, domain: TrainingDomain,
+               level: KnownLevel) -> Residual:
+    """Counts a scan with networks as the run time does, and compares gamma and V together."""
+    sample = scan.sample
+    prediction = predict_gamma(TorchEnsemble(nets), sample.maps, hide_above(sample.known, level),
+                               fused_resolution(sample))
+    gamma = float(np.exp(prediction.log_gamma))
+    doubt = assess_doubt(
+        sample.maps, parts=gamma * scan.volume / sample.part_length_m**3,
+        part_size=float(np.exp(prediction.shape_logs[0])),
+        walled=sample.container_kind != "none", domain=domain)
+    log_ratio = np.log(sample.gamma) - prediction.log_gamma + np.log(
+        scan.true_volume / scan.volume)
+    return Residual(scan, gamma, float(log_ratio), float(np.hypot(
+        prediction.relative_std * doubt.widening, scan.volume_std / scan.volume)))
+
+
+def ensemble_narrowing(members: list[nn.Module], scans: list[FusedScan], domain: TrainingDomain,
+                       level: KnownLevel) -> float:
+    """How much smaller the scores of all members together are than those of one, on average.
+
+    Members are measured one by one on families that each has not seen, and count together at run
+    time, where what they do not share averages out.
+
+    Args:
+        members: all networks.
+        scans: of parts that none of them has seen.
+        domain: what the members have learnt from.
+        level: how much is known of the parts' form.
+    """
+    shown = [scan for scan in scans if scan.found and is_countable(scan)]
+    alone = [scores_where_found([count_scan([net], scan, domain, level) for scan in shown])
+             for net in members]
+    together = scores_where_found([count_scan(members, scan, domain, level) for scan in shown])
+    return float(np.abs(together).mean() / np.mean([np.abs(scores).mean() for scores in alone]))
 
 
 def fit_training_domain(scans: list[FusedScan]) -> TrainingDomain:
@@ -171,13 +200,17 @@ def main() -> int:
     groups = {"": read_scans(options.scans), "_one_side": read_scans(options.one_view)}
     if options.pictures is not None:
         groups["_pictures"] = read_scans(options.pictures)
+    unseen = read_scans(options.unseen_scans) if options.unseen_scans is not None else []
     # Measure their errors.
     domain = fit_training_domain(groups[""] + groups["_one_side"])
     levels = list(KnownLevel) if knows_form(next(iter(members.values()))) else [KnownLevel.VOLUME]
     residuals = {suffix: [count_with_members(members, scans, fold, domain, level)
                           for level in levels] for suffix, scans in groups.items()}
+    narrowing = [ensemble_narrowing(list(members.values()), unseen, domain, level)
+                 if unseen else 1.0 for level in levels]
     calibration = {
-        **{f"scores{suffix}": np.array([scores_where_found(r) for r in by_level])
+        **{f"scores{suffix}": np.array([factor * scores_where_found(r)
+                                        for factor, r in zip(narrowing, by_level)])
            for suffix, by_level in residuals.items()},
         "centers": np.array([[median_log_error(r) for r in by_level]
                              for by_level in residuals.values()]).T,
@@ -189,11 +222,13 @@ def main() -> int:
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True,
                             text=True, check=False).stdout.strip()
     facts = {"version": options.version, "commit": commit, "errors": json.dumps(errors),
-             "folds": json.dumps(list(members))}
+             "folds": json.dumps(list(members)), "narrowing": json.dumps(narrowing)}
     nets = list(members.values())
     graph = export_ensemble(nets) if options.encoder_weights is None else None
     save_members(options.out, nets, facts, calibration, graph)
     print(json.dumps(errors, indent=2))
+    print("scores of all members together over those of one, by level:",
+          ", ".join(f"{factor:.2f}" for factor in narrowing))
     _print_by_container(residuals[""][0])
     return 0
 
@@ -206,6 +241,9 @@ def _parse_arguments() -> argparse.Namespace:
                         help="scans of one view each, for stacks that are seen from one side")
     parser.add_argument("--pictures", type=Path, metavar="DIR",
                         help="scans of pictures without depth (train.scans --pictures)")
+    parser.add_argument("--unseen-scans", type=Path, metavar="DIR",
+                        help="scans from around of parts that no member has seen: how much"
+                        " narrower the interval of all members together is than that of one")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--encoder-weights", type=Path, metavar="DIR", help="of DINOv2")
     parser.add_argument("--version", default="1", help="version that every count names")

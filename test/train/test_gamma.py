@@ -19,6 +19,7 @@ from stack_counter.train import calibrate, gamma, member
 from stack_counter.train.data.batches import assign_folds
 from stack_counter.train.data.fused import FusedScan
 from stack_counter.train.data.heights import Sample, write_samples
+from stack_counter.types import KnownLevel
 
 SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16)
 
@@ -168,6 +169,25 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
     assert all(a.relative_std > 9 * b.relative_std for a, b in zip(doubted, of))
 
 
+def test_members_together_are_as_much_surer_as_their_errors_cancel(monkeypatch):
+    """Both are off by 0.1 of the same sign for all, and by 0.2 more with a sign of their own."""
+    torch.manual_seed(0)
+    scans = [FusedScan(replace(sample(i), gamma=0.5), 1e-3, 1e-3, 1e-9, True) for i in range(40)]
+    nets = [GammaNet(SMALL), GammaNet(SMALL)]
+    order = {id(scan.sample.maps): i for i, scan in enumerate(scans)}
+
+    def predict(ensemble, maps, known, resolution):
+        i = order[id(maps)]
+        own = [0.2 * (-1) ** (i // (1 + nets.index(net))) for net in ensemble._members]
+        return GammaPrediction(np.log(0.5) + 0.1 * (-1) ** (i // 4) + np.mean(own), 0.2,
+                               np.zeros(3))
+    monkeypatch.setattr(calibrate, "predict_gamma", predict)
+    domain = calibrate.fit_training_domain(scans)
+    narrowing = calibrate.ensemble_narrowing(nets, scans, domain, KnownLevel.VOLUME)
+    assert narrowing == pytest.approx(0.15 / 0.2, abs=0.01)  # gamma widens some spreads
+    assert calibrate.ensemble_narrowing(nets[:1], scans, domain, KnownLevel.VOLUME) == 1
+
+
 @pytest.mark.parametrize("knows_form", [False, True])
 def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys, knows_form):
     monkeypatch.setattr(checkpoint, "NetConfig", lambda *a: NetConfig(*a) if a else SMALL)
@@ -191,7 +211,8 @@ def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys, 
                   more=np.tile([1e-3, 1e-3, 1e-5, 1], (8, 1)))
     monkeypatch.setattr("sys.argv", ["calibrate", str(run), "--scans", str(scans), "--one-view",
                                      str(scans), "--pictures", str(pictures), "--out",
-                                     str(out), "--version", "t1"])
+                                     str(out), "--version", "t1",
+                                     *(["--unseen-scans", str(scans)] if knows_form else [])])
     assert calibrate.main() == 0
     assert "gamma_mae" in capsys.readouterr().out
     network = NetworkEstimator(out, Prior(Baselines()))
