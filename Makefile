@@ -18,7 +18,7 @@ CORE := test/test_*.py $(addprefix test/,views fusion display occupancy containe
 # Puts this package's messages on the paths where ROS 2 is sourced; does nothing elsewhere.
 IN_VENV := source .venv/ros.bash &&
 
-.PHONY: help setup setup-cell demo test lint docs soak fuzz lock sbom coverage clean
+.PHONY: help setup setup-cell whole demo test lint docs soak fuzz lock sbom coverage clean
 
 help:
 	@sed -n '2,11s/^# //p' Makefile
@@ -27,7 +27,11 @@ setup:
 	@PYTHON="$(PYTHON)" LOCKED="$(LOCKED)" bash scripts/setup.sh
 
 setup-cell:
-	@CELL=1 $(MAKE) --no-print-directory setup
+	@SETUP_CELL=1 $(MAKE) --no-print-directory setup
+
+whole: setup
+	@[ ! -f .venv/cell ] || \
+		{ echo "this .venv is for a cell that only counts; expected the whole: make clean setup" >&2; exit 2; }
 
 demo: setup
 	@echo; echo "The demo bin, 182 flange nuts. Only the volume of one is known:"; echo
@@ -35,7 +39,7 @@ demo: setup
 	@echo; echo "The same bin, and the part is known from its CAD file (config/parts.yaml):"; echo
 	@$(DEMO) --part demo_nut
 
-lint: setup
+lint: whole
 	$(IN_VENV) .venv/bin/ruff check .
 	$(IN_VENV) .venv/bin/mypy stack_counter
 
@@ -43,21 +47,21 @@ lint: setup
 test: lint
 	$(IN_VENV) OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n 2 --dist worksteal
 
-docs: setup
+docs: whole
 	$(IN_VENV) .venv/bin/python -m sphinx -W --keep-going -E -q docs out/docs
 	@echo "out/docs/index.html"
 
 soak: setup
 	$(IN_VENV) PYTHONPATH="test:$$PYTHONPATH" .venv/bin/python test/nodes/soak.py
 
-fuzz: setup
+fuzz: whole
 	@.venv/bin/python -c 'import atheris' 2>/dev/null || \
 		.venv/bin/python -c 'import setup; print(*setup.EXTRAS["fuzz"], sep="\n")' | \
 		.venv/bin/uv pip install --quiet --python .venv/bin/python -r -
 	$(IN_VENV) OMP_NUM_THREADS=1 .venv/bin/python test/fuzz/run.py $(TARGET) \
 		--seconds $(or $(SECONDS_EACH),60)
 
-lock: setup
+lock: whole
 	@bash scripts/lock.sh
 
 # Tools of their own, beside .venv: they are no part of what they look at.
@@ -67,7 +71,7 @@ sbom: setup
 		--mc-type application --output-reproducible -o out/sbom.json .venv/bin/python
 	@echo "out/sbom.json"
 
-coverage: setup
+coverage: whole
 	$(IN_VENV) OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n 2 --dist worksteal --cov \
 		--cov-report=term:skip-covered --cov-report=html:out/coverage $(CORE)
 	@echo "out/coverage/index.html"

@@ -5,6 +5,7 @@ Versions are stated here and nowhere else. Each lower bound is a release that th
 Those with a rosdep key are named in package.xml too; the others are marked (no key).
 """
 
+import os
 from glob import glob
 from pathlib import Path
 
@@ -151,7 +152,7 @@ if __name__ == "__main__":  # scripts/setup.sh imports the lists above
             share("config/parts", "*"),
             share("launch", "*.py"),
         ],
-        install_requires=REQUIRES,
+        install_requires=cell_requires() if os.environ.get("SETUP_CELL") == "1" else REQUIRES,
         extras_require=EXTRAS,
         zip_safe=False,
         entry_points={

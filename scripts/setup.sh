@@ -6,7 +6,7 @@
 # each step; details are in .venv/setup.log. PYTHON names an interpreter (3.11 to 3.13).
 # ROS 2 Jazzy comes from where it is sourced (ROS_DISTRO is set), else from Python wheels.
 # LOCKED=1 installs what requirements.lock pins, by hash, in place of the newest that fit.
-# CELL=1 (`make setup-cell`) installs what counting takes, without torch, simulation and tests; a
+# SETUP_CELL=1 (`make setup-cell`) installs what counting takes, without torch, simulation and tests; a
 # .venv made so stays so.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -233,13 +233,18 @@ export AMENT_PREFIX_PATH="$venv\${AMENT_PREFIX_PATH:+:\$AMENT_PREFIX_PATH}"
 SH
 }
 
-cell=${CELL:-}
-[[ ! -f $venv/stamps/cell ]] || cell=1
+# What is installed: all of it, or what counting takes. The choice stays until `make clean`.
+cell=
+if [[ ${SETUP_CELL:-} == 1 || -f $venv/cell ]]; then cell=1; fi
 everything="sim train models robot cad pictures view archive mqtt opcua docs test"
 if [[ -n $cell ]]; then
-  [[ ! -f $venv/stamps/works || -f $venv/stamps/cell ]] ||
-    fail ".venv was made with everything; 'make clean' and run again for a cell"
-  everything="mqtt opcua"
+  [[ -z ${LOCKED:-} ]] || fail "LOCKED=$LOCKED for a cell; expected one of both:" \
+                               "requirements.lock has all packages"
+  [[ ! -f $venv/stamps/environment || -f $venv/cell ]] ||
+    fail ".venv was begun with everything; 'make clean' and run again for a cell"
+  export SETUP_CELL=1  # setup.py reads it
+  everything="robot mqtt opcua"
+  touch "$venv/cell"
 fi
 if [[ $mode == wheels ]]; then
   extras="wheels $everything"
@@ -254,12 +259,9 @@ if changed environment "$environment" || [[ ! -x $venv/bin/python ]]; then
   step "virtual environment .venv" make_venv
   stamp environment "$environment"
 fi
-[[ -z $cell ]] || stamp cell "without torch"
 
 lock=
 if [[ -n ${LOCKED:-} ]]; then
-  [[ -z $cell ]] || fail "LOCKED=$LOCKED for a cell; expected one of both: requirements.lock" \
-                         "has all packages"
   [[ $mode == wheels ]] || fail "LOCKED=$LOCKED and ROS 2 is sourced; expected a shell without" \
                                 "it: requirements.lock has ROS 2 as wheels"
   lock=requirements.lock

@@ -59,9 +59,8 @@ class ViewError(StackCounterError):
         return ViewError(self.reason, f"{topic}: {self._message}")
 
 
-# Packages that a set-up may lack, and what brings them.
-_LEFT_OUT_OF_CELLS = {"torch": "torch", **dict.fromkeys(
-    ("sapien", "coacd", "manifold3d", "matplotlib"), "'stack_counter[sim]'")}
+# Packages that `make setup-cell` leaves out and commands import as they start.
+_LEFT_OUT_OF_CELLS = ("torch", "sapien", "coacd", "manifold3d", "matplotlib")
 
 
 @contextmanager
@@ -79,8 +78,8 @@ def naming_missing_packages() -> Iterator[None]:
         if package not in _LEFT_OUT_OF_CELLS:
             raise
         raise ConfigError(f"this takes the package {package}, which is not installed; expected "
-                          "everything (make clean setup) or pip install "
-                          f"{_LEFT_OUT_OF_CELLS[package]}") from error
+                          "what make clean setup installs (make setup-cell leaves it out)"
+                          ) from error
 
 
 def defect_line(what: str, error: Exception) -> str:

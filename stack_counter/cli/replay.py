@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from stack_counter.cli.arrangement import (
     add_arrangement_argument,
-    check_arrangement,
+    load_arranged_shape,
     simulate_arrangement,
 )
 from stack_counter.cli.common import (
@@ -34,6 +34,7 @@ from stack_counter.types import PartRequest
 if TYPE_CHECKING:
     from stack_counter.bag.replayed import Replayed
     from stack_counter.parts.catalogue import Part
+    from stack_counter.sim import Shape
 
 
 def add_replay(commands: argparse._SubParsersAction) -> None:
@@ -101,7 +102,7 @@ def _replay(options: argparse.Namespace) -> int:
     # Refuse at once what cannot be counted, with what that takes: help is to load none of it.
     config = _settings(options)
     part = _part(options, config)
-    check_arrangement(options, config, part)
+    shape = load_arranged_shape(options, config, part)
     chosen_time_range(options)  # raises what is wrong with it
     require_bag(options.bag)
     if options.nodes:
@@ -122,7 +123,7 @@ def _replay(options: argparse.Namespace) -> int:
     if config.reconstructor.regions:
         _show_regions(options, config, part, results)
     else:
-        _show_result(options, config, part, results[0])
+        _show_result(options, config, part, results[0], shape)
     return 0
 
 
@@ -218,9 +219,12 @@ def _cycle_text(entry: dict[str, Any]) -> str:
     return f"cycle at {entry['stamp_ns'] / 1e9:.3f} s: {said}"
 
 
-def _show_result(options: argparse.Namespace, config: Config, part: Part, result: Replayed
-                 ) -> None:
-    """Prints and writes the one result of a scan without named regions."""
+def _show_result(options: argparse.Namespace, config: Config, part: Part, result: Replayed,
+                 shape: Shape | None) -> None:
+    """Prints and writes the one result of a scan without named regions.
+
+    `shape`: of the part where an arrangement is asked for; the report is there before it is.
+    """
     from stack_counter.display.page.subject import report_subject
     from stack_counter.display.report import as_dict, as_text, write_report
 
@@ -231,9 +235,11 @@ def _show_result(options: argparse.Namespace, config: Config, part: Part, result
     if options.json:
         options.json.write_text(json.dumps(as_dict(count, result.counts), indent=2) + "\n")
     if options.report:
-        arrangement = simulate_arrangement(part, count) if options.arrangement else None
-        write_report(options.report, count, result.counts, report_subject(
-            options.bag, config, part.name, count, true_count, arrangement))
+        subject = report_subject(options.bag, config, part.name, count, true_count)
+        write_report(options.report, count, result.counts, subject)
+        if shape and (arrangement := simulate_arrangement(shape, part, count)):
+            write_report(options.report, count, result.counts,
+                         replace(subject, arrangement=arrangement))
 
 
 def _show_regions(options: argparse.Namespace, config: Config, part: Part,

@@ -112,22 +112,29 @@ def count_scan(nets: list[nn.Module], scan: FusedScan, domain: TrainingDomain,
 
 def ensemble_narrowing(members: list[nn.Module], scans: list[FusedScan], domain: TrainingDomain,
                        level: KnownLevel) -> float:
-    """How much smaller the scores of all members together are than those of one, on average.
+    """How much smaller the scores of all members together are than those of one, at most 1.
 
     Members are measured one by one on families that each has not seen, and count together at run
-    time, where what they do not share averages out.
+    time, where what they do not share averages out. The root mean square of scores is compared:
+    it listens to large errors, which bound an interval, and takes fewer scans than a quantile.
 
     Args:
         members: all networks.
         scans: of parts that none of them has seen.
         domain: what the members have learnt from.
         level: how much is known of the parts' form.
+
+    Raises:
+        ConfigError: none of the scans shows a stack in a container that was found.
     """
     shown = [scan for scan in scans if scan.found and is_countable(scan)]
+    if not shown:
+        raise ConfigError(f"none of {len(scans)} scans of unseen parts shows a stack whose "
+                          "container was found; expected some tens")
     alone = [scores_where_found([count_scan([net], scan, domain, level) for scan in shown])
              for net in members]
     together = scores_where_found([count_scan(members, scan, domain, level) for scan in shown])
-    return float(np.abs(together).mean() / np.mean([np.abs(scores).mean() for scores in alone]))
+    return min(float(np.sqrt(np.mean(together**2) / np.mean(np.square(alone)))), 1.0)
 
 
 def fit_training_domain(scans: list[FusedScan]) -> TrainingDomain:
@@ -200,7 +207,11 @@ def main() -> int:
     groups = {"": read_scans(options.scans), "_one_side": read_scans(options.one_view)}
     if options.pictures is not None:
         groups["_pictures"] = read_scans(options.pictures)
-    unseen = read_scans(options.unseen_scans) if options.unseen_scans is not None else []
+    unseen = [] if options.unseen_scans is None else read_scans(options.unseen_scans)
+    if known := sorted({scan.sample.family for scan in unseen} & fold.keys()):
+        raise ConfigError(f"--unseen-scans {options.unseen_scans} shows {known[0]}, and "
+                          f"{len(known) - 1} others that members have learnt from; expected parts "
+                          "that none of them has seen")
     # Measure their errors.
     domain = fit_training_domain(groups[""] + groups["_one_side"])
     levels = list(KnownLevel) if knows_form(next(iter(members.values()))) else [KnownLevel.VOLUME]
@@ -209,7 +220,8 @@ def main() -> int:
     narrowing = [ensemble_narrowing(list(members.values()), unseen, domain, level)
                  if unseen else 1.0 for level in levels]
     calibration = {
-        **{f"scores{suffix}": np.array([factor * scores_where_found(r)
+        # What members gain together is measured on arcs, and applied to no other scans.
+        **{f"scores{suffix}": np.array([(1.0 if suffix else factor) * scores_where_found(r)
                                         for factor, r in zip(narrowing, by_level)])
            for suffix, by_level in residuals.items()},
         "centers": np.array([[median_log_error(r) for r in by_level]

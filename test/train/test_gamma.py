@@ -3,6 +3,7 @@
 
 import argparse
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -184,8 +185,11 @@ def test_members_together_are_as_much_surer_as_their_errors_cancel(monkeypatch):
     monkeypatch.setattr(calibrate, "predict_gamma", predict)
     domain = calibrate.fit_training_domain(scans)
     narrowing = calibrate.ensemble_narrowing(nets, scans, domain, KnownLevel.VOLUME)
-    assert narrowing == pytest.approx(0.15 / 0.2, abs=0.01)  # gamma widens some spreads
+    # The squares are 0.09 and 0.01 of one, 0.09, 0.01 and twice 0.01 of both; gamma widens some.
+    assert narrowing == pytest.approx((0.03 / 0.05) ** 0.5, abs=0.02)
     assert calibrate.ensemble_narrowing(nets[:1], scans, domain, KnownLevel.VOLUME) == 1
+    with pytest.raises(ConfigError, match="none of 0 scans"):
+        calibrate.ensemble_narrowing(nets, [], domain, KnownLevel.VOLUME)
 
 
 @pytest.mark.parametrize("knows_form", [False, True])
@@ -205,6 +209,10 @@ def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys, 
     samples = [sample(i, families[i % 2]) for i in range(20)]
     write_samples(scans / "a.npz", samples, more=np.tile([1e-3, 1e-3, 1e-5, 1], (20, 1)))
     out, pictures = tmp_path / "gamma.safetensors", tmp_path / "pictures"
+    unseen = tmp_path / "unseen"
+    unseen.mkdir()
+    write_samples(unseen / "a.npz", [replace(s, family="wing") for s in samples],
+                  more=np.tile([1e-3, 1e-3, 1e-5, 1], (20, 1)))
     pictures.mkdir()
     write_samples(pictures / "a.npz", [replace(s, resolution_m=0.003, from_pictures=True) for s in
                                        samples[:8]],
@@ -212,7 +220,7 @@ def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys, 
     monkeypatch.setattr("sys.argv", ["calibrate", str(run), "--scans", str(scans), "--one-view",
                                      str(scans), "--pictures", str(pictures), "--out",
                                      str(out), "--version", "t1",
-                                     *(["--unseen-scans", str(scans)] if knows_form else [])])
+                                     *(["--unseen-scans", str(unseen)] if knows_form else [])])
     assert calibrate.main() == 0
     assert "gamma_mae" in capsys.readouterr().out
     network = NetworkEstimator(out, Prior(Baselines()))
@@ -222,6 +230,10 @@ def test_calibrate_writes_what_the_network_loads(tmp_path, monkeypatch, capsys, 
         (levels, 20), (levels, 20), (levels, 8)]
     assert network._centers.shape == (levels, 3)
     assert network._domain.distance(samples[0].maps) < 1.5
+    # Parts that members have learnt from say nothing of how sure they are together.
+    monkeypatch.setattr("sys.argv", [*sys.argv, "--unseen-scans", str(scans)])
+    with pytest.raises(ConfigError, match="shows nut, and 1 others that members have learnt from"):
+        calibrate.main()
 
 
 def test_large_groups_of_families_weigh_less():

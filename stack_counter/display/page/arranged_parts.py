@@ -18,14 +18,13 @@ class ArrangedPartsSettings:
     """How parts that nobody has seen are shown; all chosen.
 
     Attributes:
-        max_triangles: of all parts together, so that the page stays below 4 MB.
-        min_triangles_of_part: fewest that a part is shown with.
+        max_triangles: of all parts together, so that the page stays below 6 MB; parts of more
+            are blurred.
         saturation, value: of the colours: pale, as none is the parts' own.
         hue_step: turn of the hue from part to part: the golden ratio sets neighbours apart.
     """
 
-    max_triangles: int = 30_000
-    min_triangles_of_part: int = 24
+    max_triangles: int = 60_000
     saturation: float = 0.35
     value: float = 0.95
     hue_step: float = 0.618
@@ -39,8 +38,7 @@ def arrangement_to_show(arrangement: Arrangement) -> Mesh | None:
     count = len(arrangement.T_world_parts)
     if not count:
         return None
-    part = decimate(arrangement.part, max(SETTINGS.max_triangles // count,
-                                          SETTINGS.min_triangles_of_part))
+    part = decimate(arrangement.part, SETTINGS.max_triangles // count)
     size = len(part.vertices)
     vertices = [geometry.apply(T, part.vertices.astype(float)) for T in arrangement.T_world_parts]
     triangles = part.triangles[None] + size * np.arange(count)[:, None, None]

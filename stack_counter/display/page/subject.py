@@ -48,8 +48,7 @@ class ReportSubject:
 
 
 def report_subject(bag: Path, config: Config, part: str, count: StackCount,
-                   true_count: int | None = None, arrangement: Arrangement | None = None
-                   ) -> ReportSubject:
+                   true_count: int | None = None) -> ReportSubject:
     """Returns what a report of a replayed bag is of.
 
     Args:
@@ -58,11 +57,10 @@ def report_subject(bag: Path, config: Config, part: str, count: StackCount,
         part: name of what is in the bin; empty where only its volume was given.
         count: final count.
         true_count: number of parts that are really there; None where nobody knows.
-        arrangement: how the parts that no view shows may lie; None where none was simulated.
     """
     wanted, tolerance = config.counter.expected_count, config.counter.tolerance
     return ReportSubject(
         scan=bag.resolve().name, part=part,
         verdict=verdict(count.count_interval, wanted, tolerance),
         expected=f"expected {wanted} ± {tolerance}" if wanted else "",
-        true_count=true_count, settings=vars(config), arrangement=arrangement)
+        true_count=true_count, settings=vars(config))
