@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# make setup: everything into .venv | demo: count a recorded bag twice | test: lint and tests
+# make setup: everything into .venv | demo: count a recorded bag, the more known the surer | test: lint and tests
 # make setup-cell: what counting takes and no more: without torch, simulation and tests
 # make docs: the documentation as a site, into out/docs/index.html; a warning is an error
 # make soak: many scans in a row, and every node killed in every state (some ten minutes)
@@ -36,6 +36,8 @@ whole: setup
 demo: setup
 	@echo; echo "The demo bin, 182 flange nuts. Only the volume of one is known:"; echo
 	@$(DEMO) --unit-volume-cm3 6.00488
+	@echo; echo "The same bin, and the sides of the box around one nut too:"; echo
+	@$(DEMO) --unit-volume-cm3 6.00488 --part-size-mm 34.5x34.5x16
 	@echo; echo "The same bin, and the part is known from its CAD file (config/parts.yaml):"; echo
 	@$(DEMO) --part demo_nut
 

@@ -15,6 +15,7 @@ import argparse
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -28,6 +29,7 @@ from stack_counter.occupancy.known_form import hide_above
 from stack_counter.occupancy.maps import surface_features
 from stack_counter.occupancy.network import predict_gamma
 from stack_counter.occupancy.training_domain import TrainingDomain, assess_doubt
+from stack_counter.sim import source_of
 from stack_counter.train.data.batches import assign_folds, fused_resolution
 from stack_counter.train.data.fused import FusedScan, read_scans
 from stack_counter.train.member import read_member
@@ -37,15 +39,17 @@ from stack_counter.types import KnownLevel
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """How the training domain is bounded; both chosen.
+    """How the training domain is bounded; all chosen.
 
     Attributes:
         domain_share: share of the training stacks that lie within the domain's reach.
         variance_floor: added to the variances of the features.
+        min_group: fewest scans of a group, such as a source, that speaks for itself.
     """
 
     domain_share: float = 0.99
     variance_floor: float = 1e-2
+    min_group: int = 10
 
 
 SETTINGS = CalibrationSettings()
@@ -151,12 +155,20 @@ def fit_training_domain(scans: list[FusedScan]) -> TrainingDomain:
 
 
 def median_log_error(residuals: list[Residual]) -> float:
-    """Median log of true over predicted gamma, of scans whose container was found.
+    """Log of true over predicted gamma of parts of any origin, of scans with a container found.
 
-    What members predict for families that they have not seen is corrected by it.
+    What members predict for families that they have not seen is corrected by it. It is the median
+    over sources of each one's median, so that no large collection speaks for the others; of all
+    scans where no source has enough.
     """
-    return float(np.median([np.log(r.scan.sample.gamma / r.gamma) for r in residuals
-                            if r.scan.found]))
+    by_source: dict[str, list[float]] = {}
+    for r in residuals:
+        if r.scan.found:
+            by_source.setdefault(source_of(r.scan.sample.family), []).append(
+                float(np.log(r.scan.sample.gamma / r.gamma)))
+    medians = [float(np.median(errors)) for errors in by_source.values()
+               if len(errors) >= SETTINGS.min_group]
+    return float(np.median(medians or sum(by_source.values(), [])))
 
 
 def scores_where_found(residuals: list[Residual]) -> np.ndarray:
@@ -241,7 +253,8 @@ def main() -> int:
     print(json.dumps(errors, indent=2))
     print("scores of all members together over those of one, by level:",
           ", ".join(f"{factor:.2f}" for factor in narrowing))
-    _print_by_container(residuals[""][0])
+    _print_groups(residuals[""], levels, lambda r: r.scan.sample.container_kind)
+    _print_groups(residuals[""], levels, lambda r: source_of(r.scan.sample.family) or "own")
     return 0
 
 
@@ -262,15 +275,18 @@ def _parse_arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _print_by_container(residuals: list[Residual]) -> None:
-    """Prints a line for each kind of container, of scans in which it was found."""
-    for kind in sorted({r.scan.sample.container_kind for r in residuals}):
-        group = [r for r in residuals if r.scan.sample.container_kind == kind and r.scan.found]
-        if group:
-            e = summarize_errors(group)
-            print(f"{kind:10}{len(group):5} gamma MAE {e['gamma_mae']:.3f} bias "
-                  f"{e['gamma_bias']:+.3f} R2 {e['gamma_r2']:.2f}, count "
-                  f"{e['count_mean_relative_error']:.3f}")
+def _print_groups(by_level: list[list[Residual]], levels: list[KnownLevel],
+                  group_of: Callable[[Residual], str]) -> None:
+    """Prints a line for each level and group, of scans whose container was found."""
+    for level, residuals in zip(levels, by_level):
+        for group in sorted({group_of(r) for r in residuals}):
+            members = [r for r in residuals if group_of(r) == group and r.scan.found]
+            if len(members) < SETTINGS.min_group:
+                continue
+            e = summarize_errors(members)
+            print(f"{level.name.lower():7}{group:16}{len(members):5} gamma MAE "
+                  f"{e['gamma_mae']:.3f} bias {e['gamma_bias']:+.3f} R2 {e['gamma_r2']:.2f}, "
+                  f"count {e['count_mean_relative_error']:.3f}")
 
 
 if __name__ == "__main__":

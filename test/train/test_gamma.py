@@ -170,6 +170,19 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
     assert all(a.relative_std > 9 * b.relative_std for a, b in zip(doubted, of))
 
 
+def test_the_correction_is_that_of_the_middle_source():
+    """A collection that most scans are of, and that is off by far, does not set it."""
+    def residuals(family, count, error):
+        scan = FusedScan(replace(sample(0, family), gamma=0.5), 1e-3, 1e-3, 1e-9, True)
+        return [calibrate.Residual(scan, 0.5 * np.exp(-error), error, 0.1)] * count
+    own, bricks, odd = (residuals("nut", 20, 0.01), residuals("Bricks/plate", 90, 0.2),
+                        residuals("Cups/mug", 12, -0.05))
+    assert calibrate.median_log_error(own + bricks + odd) == pytest.approx(0.01)
+    assert calibrate.median_log_error(own + bricks + residuals("Few/one", 3, -9.0)) \
+        == pytest.approx((0.01 + 0.2) / 2)
+    assert calibrate.median_log_error(residuals("Few/one", 3, 0.3)) == pytest.approx(0.3)
+
+
 def test_members_together_are_as_much_surer_as_their_errors_cancel(monkeypatch):
     """Both are off by 0.1 of the same sign for all, and by 0.2 more with a sign of their own."""
     torch.manual_seed(0)
