@@ -87,7 +87,8 @@ def test_the_command_prints_and_writes(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "gamma of 3 scenes, ideal depth" in printed and "DepthCorrected" in printed
     cases = json.loads(out.read_text())
-    assert len(cases) == 3 and set(cases[0]["guesses"]) == set(ROWS)
+    assert len(cases) == 3 and set(cases[0]["guesses"]) == {
+        *ROWS, "ours, size known", "ours, mesh known"}
     assert main(["evaluate", "count", "--set", "nowhere"]) == 2
 
 
