@@ -6,8 +6,8 @@
 # each step; details are in .venv/setup.log. PYTHON names an interpreter (3.11 to 3.13).
 # ROS 2 Jazzy comes from where it is sourced (ROS_DISTRO is set), else from Python wheels.
 # LOCKED=1 installs what requirements.lock pins, by hash, in place of the newest that fit.
-# SETUP_CELL=1 (`make setup-cell`) installs what counting takes, without torch, simulation and tests; a
-# .venv made so stays so.
+# SETUP_CELL=1 (`make setup-cell`) installs what counting takes, without torch, simulation and
+# tests; a .venv made so stays so.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
@@ -266,7 +266,7 @@ if [[ -n ${LOCKED:-} ]]; then
                                 "it: requirements.lock has ROS 2 as wheels"
   lock=requirements.lock
 fi
-dependencies=$(key setup.py scripts/setup.sh ${cell:+cell} $lock)
+dependencies=$(key setup.py scripts/setup.sh $lock)
 package=$(key "$dependencies" setup.cfg package.xml resource config $(compgen -G launch || true))
 if changed dependencies "$dependencies"; then
   step "dependencies (minutes and some gigabytes the first time)" install_dependencies

@@ -119,16 +119,7 @@ def find_arrangement(count: StackCount, shape: Shape, friction: tuple[float, flo
             pile of them comes to rest, or none of its parts lies below the measured surface.
         ShapeError: the mesh is no solid.
     """
-    volume = count.volume
-    if volume.top is None or volume.inner is None or volume.container.kind not in KINDS:
-        raise PartError(f"no arrangement: the scan shows a '{volume.container.kind}'; expected "
-                        f"an open container of known form ({', '.join(KINDS)})")
-    most = max_simulated_parts(shape) if count.count else 0  # caches its pieces for the workers
-    if not 1 <= count.count <= most:
-        raise PartError(f"no arrangement: {count.count} parts were counted; expected 1 to "
-                        f"{most or 'some'} of this form, which are simulated within minutes")
-    pour = _Pour(shape, _container_in_map(volume), count.count, friction or FRICTION, volume.top,
-                 volume.inner)
+    pour = _plan_pour(count, shape, friction or FRICTION)
     with worker_pool(min(workers, SETTINGS.piles)) as pool:
         jobs = [pool.submit(_nearest_turn, pour, index) for index in range(SETTINGS.piles)]
         piles = [job.result() for job in jobs]
@@ -137,14 +128,33 @@ def find_arrangement(count: StackCount, shape: Shape, friction: tuple[float, flo
         raise PartError(f"no arrangement: none of {SETTINGS.piles} piles of {count.count} parts "
                         f"came to rest in {SETTINGS.max_tries} tries each, the last by "
                         f"{nearest.failure}")
-    hidden = _hidden_poses(nearest.scene, volume.top)
+    hidden = _hidden_poses(nearest.scene, pour.top)
     if not len(hidden):
         raise PartError(f"no arrangement: none of {count.count} simulated parts lies below the "
                         "measured surface; expected a deeper stack")
     return Arrangement(
-        _simplified_part(shape, len(hidden)), volume.top.T_world_map @ hidden,
+        _simplified_part(shape, len(hidden)), pour.top.T_world_map @ hidden,
         len(nearest.scene.poses), nearest.difference_m,
         sum(pile.scene is not None for pile in piles))
+
+
+def _plan_pour(count: StackCount, shape: Shape, friction: tuple[float, float]) -> _Pour:
+    """What to pour for a count.
+
+    Raises:
+        PartError: it is no box or round container, there is no part or there are too many.
+        ShapeError: the mesh is no solid.
+    """
+    volume = count.volume
+    if volume.top is None or volume.inner is None or volume.container.kind not in KINDS:
+        raise PartError(f"no arrangement: the scan shows a '{volume.container.kind}'; expected "
+                        f"an open container of known form ({', '.join(KINDS)})")
+    most = max_simulated_parts(shape) if count.count else 0  # caches its pieces for the workers
+    if not 1 <= count.count <= most:
+        raise PartError(f"no arrangement: {count.count} parts were counted; expected 1 to "
+                        f"{most or 'some'} of this form, which are simulated within minutes")
+    return _Pour(shape, _container_in_map(volume), count.count, friction, volume.top,
+                 volume.inner)
 
 
 def _simplified_part(shape: Shape, count: int) -> Mesh:

@@ -39,7 +39,7 @@ from stack_counter.types import KnownLevel
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """How the training domain is bounded; all chosen.
+    """How the training domain is bounded, and which groups count; all chosen.
 
     Attributes:
         domain_share: share of the training stacks that lie within the domain's reach.
@@ -219,11 +219,7 @@ def main() -> int:
     groups = {"": read_scans(options.scans), "_one_side": read_scans(options.one_view)}
     if options.pictures is not None:
         groups["_pictures"] = read_scans(options.pictures)
-    unseen = [] if options.unseen_scans is None else read_scans(options.unseen_scans)
-    if known := sorted({scan.sample.family for scan in unseen} & fold.keys()):
-        raise ConfigError(f"--unseen-scans {options.unseen_scans} shows {known[0]}, and "
-                          f"{len(known) - 1} others that members have learnt from; expected parts "
-                          "that none of them has seen")
+    unseen = [] if options.unseen_scans is None else _read_unseen_scans(options.unseen_scans, fold)
     # Measure their errors.
     domain = fit_training_domain(groups[""] + groups["_one_side"])
     levels = list(KnownLevel) if knows_form(next(iter(members.values()))) else [KnownLevel.VOLUME]
@@ -250,12 +246,24 @@ def main() -> int:
     nets = list(members.values())
     graph = export_ensemble(nets) if options.encoder_weights is None else None
     save_members(options.out, nets, facts, calibration, graph)
-    print(json.dumps(errors, indent=2))
-    print("scores of all members together over those of one, by level:",
-          ", ".join(f"{factor:.2f}" for factor in narrowing))
+    print(json.dumps({"errors": errors, "narrowing": narrowing}, indent=2))
     _print_groups(residuals[""], levels, lambda r: r.scan.sample.container_kind)
     _print_groups(residuals[""], levels, lambda r: source_of(r.scan.sample.family) or "own")
     return 0
+
+
+def _read_unseen_scans(folder: Path, fold: dict[str, int]) -> list[FusedScan]:
+    """Reads scans of parts that are in no fold.
+
+    Raises:
+        ConfigError: some are, so that members have learnt from them.
+    """
+    scans = read_scans(folder)
+    if known := sorted({scan.sample.family for scan in scans} & fold.keys()):
+        raise ConfigError(f"--unseen-scans {folder} shows {known[0]}, and {len(known) - 1} others "
+                          "that members have learnt from; expected parts that none of them has "
+                          "seen")
+    return scans
 
 
 def _parse_arguments() -> argparse.Namespace:
@@ -280,11 +288,11 @@ def _print_groups(by_level: list[list[Residual]], levels: list[KnownLevel],
     """Prints a line for each level and group, of scans whose container was found."""
     for level, residuals in zip(levels, by_level):
         for group in sorted({group_of(r) for r in residuals}):
-            members = [r for r in residuals if group_of(r) == group and r.scan.found]
-            if len(members) < SETTINGS.min_group:
+            found = [r for r in residuals if group_of(r) == group and r.scan.found]
+            if len(found) < SETTINGS.min_group:
                 continue
-            e = summarize_errors(members)
-            print(f"{level.name.lower():7}{group:16}{len(members):5} gamma MAE "
+            e = summarize_errors(found)
+            print(f"{level.name.lower():7}{group:16}{len(found):5} gamma MAE "
                   f"{e['gamma_mae']:.3f} bias {e['gamma_bias']:+.3f} R2 {e['gamma_r2']:.2f}, "
                   f"count {e['count_mean_relative_error']:.3f}")
 
