@@ -52,11 +52,12 @@ def color_mesh(mesh: Mesh, views: list[View]) -> Mesh:
     if not views:
         return mesh
     # Sum the colours of every vertex over the views that show it.
-    total, views_seeing = np.zeros((len(mesh.vertices), 3)), np.zeros(len(mesh.vertices))
+    total = np.zeros((len(mesh.vertices), 3), np.float32)
+    views_seeing = np.zeros(len(mesh.vertices), np.float32)
     for i in np.unique(np.linspace(0, len(views) - 1, SETTINGS.max_views).round().astype(int)):
         view = views[i]
         assert view.color is not None and view.depth is not None  # for the type checker
-        pixels = geometry.project_into(view, mesh.vertices)
+        pixels = geometry.project_into(view, mesh.vertices, np.float32)
         off = np.abs(view.depth[pixels.rows, pixels.cols] - pixels.depth)
         shown = off < SETTINGS.max_distance_m
         index = np.flatnonzero(pixels.inside)[shown]

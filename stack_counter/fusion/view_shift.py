@@ -27,7 +27,8 @@ class ShiftSettings:
     """How the shift between two views is estimated; chosen on training scenes.
 
     Attributes:
-        stride: pixels from one point that is used to the next.
+        stride: pixels from one point of a surface to the next.
+        max_points: largest number of points of one view that are held against the other, about.
         max_pairs: largest number of pairs of successive views that are compared.
         gate_m: largest distance of two points that are taken for the same, m.
         kernel_m: distance from a plane at which a point's weight is one half, m.
@@ -41,6 +42,7 @@ class ShiftSettings:
     """
 
     stride: int = 4
+    max_points: int = 5000
     max_pairs: int = 12
     gate_m: float = 0.03
     kernel_m: float = 0.003
@@ -89,6 +91,8 @@ def measure_shift(first: View, second: View, region: Region) -> float | None:
     normals = _normals(surface)
     inside = region.contains(other)
     points, point_normals = other[inside], _normals(other)[inside]
+    every = len(points) // s.max_points + 1
+    points, point_normals = points[::every], point_normals[::every]
     pivot = np.append((region.low + region.high)[:2] / 2, region.plane_z)
     kernel = max(s.kernel_m, s.kernel_noise * region.noise)
     motion = np.zeros(6)

@@ -28,6 +28,7 @@ from stack_counter.train.data.batches import (
     target_tensor,
 )
 from stack_counter.train.data.heights import Sample
+from stack_counter.train.device import mixed_precision, training_device
 from stack_counter.types import KnownLevel
 
 
@@ -146,7 +147,7 @@ class Training:
     def step(self, batch: Batch) -> torch.Tensor:
         """Learns one batch and returns its loss, for which nobody has waited yet."""
         x, known, resolution, y = (part.to(self.device, non_blocking=True) for part in batch)
-        with torch.autocast(self.device.type, torch.bfloat16):
+        with mixed_precision(self.device):
             loss = self.net.loss(x.to(memory_format=torch.channels_last), y,
                                  likelihood=self._config.likelihood,
                                  shape_weight=self._config.form_weight, known=known,
@@ -277,11 +278,6 @@ def _predict(net: nn.Module, inputs: list[NetworkInput], known: np.ndarray) -> t
     parts = zip(x.split(64), torch.from_numpy(known).split(64), resolution.split(64))
     with torch.no_grad():
         return torch.cat([net(*(a.to(device) for a in part))[0].cpu() for part in parts])
-
-
-def training_device() -> torch.device:
-    """The accelerator that torch finds, or the CPU."""
-    return torch.accelerator.current_accelerator(check_available=True) or torch.device("cpu")
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:

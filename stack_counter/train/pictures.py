@@ -43,6 +43,7 @@ from stack_counter.train.data.picture_batches import (
     make_log_batch,
 )
 from stack_counter.train.data.pictures import SIDE_PX, PictureSample, load_picture_samples
+from stack_counter.train.device import mixed_precision
 from stack_counter.train.member import TrainConfig, Training, read_checkpoint
 
 _TRAINABLE = ("vit_h", "bmnet", "color")
@@ -117,7 +118,7 @@ def train_baseline(learner: _Learner, learnt: list[PictureSample], held_out: lis
         batches = _batches(learner, learnt, config, steps, epoch)
         losses = []
         for batch in progress(batches, f"{path.stem} epoch {epoch}", "steps", steps):
-            with torch.autocast(device.type, torch.bfloat16):
+            with mixed_precision(device):
                 loss = learner.net.loss(*(part.to(device) for part in batch))
             training.descend(loss)
             losses.append(loss.detach())

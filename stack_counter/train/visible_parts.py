@@ -32,6 +32,7 @@ from stack_counter.train.data.part_tiles import (
     degrade,
     load_part_samples,
 )
+from stack_counter.train.device import mixed_precision
 from stack_counter.train.gamma import family_weights
 from stack_counter.train.member import TrainConfig, Training, read_checkpoint
 from stack_counter.train.part_net import PartNet, save_part_net
@@ -93,7 +94,7 @@ def train_part_net(net: PartNet, learnt: list[PartSample], held_out: list[PartSa
         for batch in progress(prepare_ahead(batches, processes), f"{path.stem} epoch {epoch}",
                               "steps", steps):
             maps, targets = (part.to(device, non_blocking=True) for part in batch)
-            with torch.autocast(device.type, torch.bfloat16):
+            with mixed_precision(device):
                 loss = net.loss(maps.to(memory_format=torch.channels_last), targets)
             training.descend(loss)
             losses.append(loss.detach())

@@ -24,6 +24,7 @@ from stack_counter.errors import ConfigError, ViewError
 from stack_counter.sim import Scene, read_shard, record
 from stack_counter.tasks.child_processes import worker_pool
 from stack_counter.tasks.progress import progress
+from stack_counter.train.device import mixed_precision
 from stack_counter.train.wall_net import WallNet, save_wall_net
 from stack_counter.types import WallShape
 
@@ -151,7 +152,7 @@ def train_wall_net(crops: np.ndarray, targets: np.ndarray, seed: int = 0,
         for rows in order.reshape(steps, -1) if len(order) >= batch else order[None]:
             x = torch.from_numpy(crops[rows].astype(np.float32))
             x = x.flip(3) if random.random() < 0.5 else x
-            with torch.autocast("cpu", torch.bfloat16):
+            with mixed_precision(torch.device("cpu")):
                 loss = net.loss(x, torch.from_numpy(targets[rows]))
             optimizer.zero_grad()
             loss.backward()
