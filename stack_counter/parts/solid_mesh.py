@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 
 from stack_counter.errors import MeshError
-from stack_counter.teaching.step_file import load_step
+from stack_counter.parts.step_file import load_step
 
 UNITS = {"mm": 1e-3, "m": 1.0, "in": 0.0254}
 _SUFFIXES = (".stl", ".obj", ".ply", ".off", ".step", ".stp")
