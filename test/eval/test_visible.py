@@ -69,7 +69,7 @@ def test_the_table_sums_parts_not_scenes():
 
 
 def test_without_weights_the_command_says_where_they_come_from(monkeypatch, capsys):
-    monkeypatch.setattr(visible, "make_finder", lambda weights: None)
+    monkeypatch.setattr(visible, "make_finder", lambda weights, poses: None)
     visible._load_finder.cache_clear()
     with pytest.raises(ConfigError, match="expected --weights"):
         visible._load_finder(None, 0)
