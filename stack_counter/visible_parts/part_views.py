@@ -130,7 +130,7 @@ def _cells(points: np.ndarray, pitch: float) -> tuple[np.ndarray, np.ndarray]:
 
 def _highest_points(points: np.ndarray, pitch: float) -> np.ndarray:
     """(cells, cells) float32 height of the highest of (n, 3) points in each cell, NaN for none."""
-    heights = np.full((SETTINGS.cells,) * 2, -np.inf, np.float32)
+    heights: np.ndarray = np.full((SETTINGS.cells,) * 2, -np.inf, np.float32)
     np.maximum.at(heights, _cells(points, pitch), points[:, 2].astype(np.float32))
     # Close the gaps between points.
     covered, window = np.isfinite(heights), 2 * SETTINGS.close_cells + 1

@@ -62,7 +62,8 @@ class SurfacePatch:
 
     def thinned(self, count: int) -> SurfacePatch:
         """The patch with at most `count` cells on the part and as many beside it."""
-        chosen, weights = [], []
+        chosen: list[np.ndarray] = []
+        weights: list[np.ndarray] = []
         for cells in (np.flatnonzero(self.own), np.flatnonzero(~self.own)):
             kept = min(count, len(cells))
             chosen.append(cells[np.linspace(0, len(cells) - 1, kept).astype(int)])
@@ -133,7 +134,7 @@ class Guesses:
 
 def guess_everywhere(views: PartViews, turns: int) -> Guesses:
     """All views at evenly spread turns, the middle of what each covers on the patch's origin."""
-    view = np.repeat(np.arange(len(views.rotations)), turns)
+    view: np.ndarray = np.repeat(np.arange(len(views.rotations)), turns)
     turn = np.tile(2 * np.pi * np.arange(turns) / turns, len(views.rotations))
     x, y = views.middles()[view].T
     shift = -np.stack([np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y],

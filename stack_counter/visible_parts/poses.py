@@ -135,15 +135,15 @@ def find_pose(views: PartViews, top: HeightMap, own: np.ndarray, part_length: fl
     return PartPose(_place(poses[best], views, patch, top), float(guesses.fit[best]))
 
 
-def _choose_apart(guesses: Guesses, views: PartViews) -> list[int]:
-    """Rows of the best guesses whose rotations differ from those of better ones."""
+def _choose_apart(guesses: Guesses, views: PartViews) -> np.ndarray:
+    """(k,) rows of the best guesses whose rotations differ from those of better ones."""
     rotations = guesses.poses(views)[:, :3, :3]
     largest_trace = 1 + 2 * np.cos(SETTINGS.apart_rad)
     chosen: list[int] = []
     for row in np.argsort(-guesses.fit, kind="stable").tolist():
         if all(np.sum(rotations[row] * rotations[other]) < largest_trace for other in chosen):
             chosen.append(row)
-    return chosen[:SETTINGS.refined]
+    return np.array(chosen[:SETTINGS.refined])
 
 
 def _register(views: PartViews, view: int, cloud: small_gicp.PointCloud, T: np.ndarray,
