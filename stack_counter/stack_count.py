@@ -13,7 +13,7 @@ from stack_counter.counting import make_count
 from stack_counter.occupancy import OccupancyEstimator
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.informed_gamma import estimate_occupancy
-from stack_counter.types import StackCount, StackVolume
+from stack_counter.types import Mesh, StackCount, StackVolume, VisiblePart
 from stack_counter.visible_parts.finder import VisiblePartFinder
 from stack_counter.weighing.joined_count import Weighing, use_weight
 
@@ -33,7 +33,8 @@ def count_stack(volume: StackVolume, part: Part, estimator: OccupancyEstimator,
 
     Raises:
         ScanError: there is nothing to read gamma from.
-        PartError: the part's volume is no positive number.
+        PartError: the part's volume is no positive number, or its mesh, which poses are found
+            by, cannot be read.
     """
     begin = time.perf_counter()
     estimate = estimate_occupancy(volume, part, estimator)  # 7. gamma.
@@ -42,7 +43,19 @@ def count_stack(volume: StackVolume, part: Part, estimator: OccupancyEstimator,
     counted = time.perf_counter()
     seconds = {**volume.seconds, "gamma": counted - begin}
     if finder is not None:  # 10. The parts that show, one by one: in an empty bin there are none.
-        visible = finder.find(volume, part.unit_volume) if count.count else ()
+        visible = _find_visible(finder, volume, part) if count.count else ()
         seconds["visible_parts"] = time.perf_counter() - counted
         count = replace(count, visible_parts=visible)
     return replace(count, seconds=seconds)
+
+
+def _find_visible(finder: VisiblePartFinder, volume: StackVolume, part: Part
+                  ) -> tuple[VisiblePart, ...] | None:
+    """Finds the parts that show, with poses where they are wanted and the part has a mesh."""
+    mesh: Mesh | None = None
+    if finder.poses and part.mesh is not None:
+        # It loads trimesh and SciPy, which a count needs nothing of.
+        from stack_counter.parts.part_solid import read_part_surface
+
+        mesh = read_part_surface(part)
+    return finder.find(volume, part.unit_volume, mesh)

@@ -57,7 +57,7 @@ LIBRARIES = {
     r"mcap|mcap_ros2|rosbags|rosbag2_py": "bag",
     r"open3d": "lean_open3d",
     r"yourdfpy": "views",
-    r"small_gicp": "fusion",
+    r"small_gicp": "fusion visible_parts",
     r"tqdm": "tasks",
     r"pycolmap|PIL|pillow_heif": "pictures",
     r"torch": "pretrained occupancy picture_baselines segmentation train",

@@ -127,7 +127,8 @@ def replay_direct(path: Path, config: Config, part: Part, rate: float = 0.0,
     config = with_scale_of_bag(config, bag.reader)
     settings = _CountSettings(part, estimator or make_estimator(config.counter),
                               config.counter.confidence, _scale_of(bag, config),
-                              make_finder(config.counter.visible_parts_weights))
+                              make_finder(config.counter.visible_parts_weights,
+                                          config.counter.visible_part_poses))
     counters = RegionCounters(config.reconstructor, part.unit_volume)
     loaded = time.perf_counter()
     # Count, and add where the time went.

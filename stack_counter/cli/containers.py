@@ -21,7 +21,7 @@ from stack_counter.tasks.progress import progress_bar
 if TYPE_CHECKING:
     from stack_counter.container.catalogue import TaughtContainer
 
-_UNITS = ("mm", "m", "in")  # keys of teaching.solid_mesh.UNITS, without its imports
+_UNITS = ("mm", "m", "in")  # keys of parts.solid_mesh.UNITS, without its imports
 _UP_AXES = ("z", "y", "x", "-z", "-y", "-x")  # of teaching.container_mesh.UP_AXES
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from stack_counter.cli.common import add_config_argument, add_time_arguments, positive_number
 
-_UNITS = ("mm", "m", "in")  # keys of teaching.solid_mesh.UNITS, without its imports
+_UNITS = ("mm", "m", "in")  # keys of parts.solid_mesh.UNITS, without its imports
 
 
 def add_part(commands: argparse._SubParsersAction) -> None:

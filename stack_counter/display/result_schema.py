@@ -132,7 +132,12 @@ _VISIBLE_PARTS = {"visible_parts": {
         "share_visible": _value("number", "share of it that shows, of what would if nothing lay "
                                           "on it", minimum=0, maximum=1),
         "score": _value("number", "how sure it is that a part is there", minimum=0,
-                        maximum=1)})}}
+                        maximum=1),
+        "pose": {**_object({**_POSE["properties"], "fit": _value(
+            "number", "how well the part's mesh explains the surface there", minimum=0,
+            maximum=1)}), "type": ["object", "null"], "description":
+                 "how the axes of its CAD file lie; null: not looked for, or not told"}},
+        optional=["pose"])}}
 _STAMP = _value("integer", "stamp of the view's image, or of the cycle, ns")
 _MISSING = _texts("cameras of the rig that gave this cycle no view")
 _NO_VALUE = {"type": "null"}

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.types import KeyView, StackCount, VisiblePart
+from stack_counter.types import KeyView, PartPose, StackCount, VisiblePart
 
-_DIGITS = 5  # of metres in JSON: hundredths of a millimetre
+_DIGITS = 5  # of metres and quaternions in JSON: hundredths of a millimetre
 
 
 def visible_parts_as_dict(parts: Sequence[VisiblePart] | None) -> dict[str, Any]:
@@ -21,8 +21,16 @@ def visible_parts_as_dict(parts: Sequence[VisiblePart] | None) -> dict[str, Any]
     return {"visible_count": len(parts), "visible_parts": [
         {"position_m": np.round(part.position, _DIGITS).tolist(),
          "outline_m": np.round(part.outline[:, :2], _DIGITS).tolist(),
-         "share_visible": round(part.share_visible, 3), "score": round(part.score, 3)}
+         "share_visible": round(part.share_visible, 3), "score": round(part.score, 3),
+         "pose": part.pose and _pose_as_dict(part.pose)}
         for part in parts]}
+
+
+def _pose_as_dict(pose: PartPose) -> dict[str, Any]:
+    T = pose.T_world_part
+    return {"position_m": np.round(T[:3, 3], _DIGITS).tolist(),
+            "quaternion_xyzw": np.round(geometry.quaternion_from_pose(T), _DIGITS).tolist(),
+            "fit": round(pose.fit, 3)}
 
 
 def visible_text(count: StackCount) -> str:

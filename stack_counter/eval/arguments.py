@@ -182,6 +182,9 @@ def _add_visible_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--views", type=int, default=12, metavar="N", help="of each recording")
     parser.add_argument("--weights", type=Path, metavar="PATH",
                         help="of the network that finds parts (default: the shipped one)")
+    parser.add_argument("--poses", type=int, default=0, metavar="N",
+                        help="of the best N parts of each scene, whose mesh is known, the pose is"
+                        " found as well")
     Workers.add_arguments(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scene here")
     parser.add_argument("--pictures", type=Path, metavar="DIR",

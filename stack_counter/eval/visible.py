@@ -4,7 +4,8 @@
 stack-counter evaluate visible --set unseen
 
 A part is found where one is told within half a part length of the middle of what shows of it, seen
-from above. Recall is of the parts that show more than half, precision of all that are told.
+from above. Recall is of the parts that show more than half, precision of all that are told. With
+`--poses N` the mesh is known, and the poses of the best N parts of each scene are measured too.
 """
 
 from __future__ import annotations
@@ -24,11 +25,18 @@ from stack_counter.display.drawings import draw_heights
 from stack_counter.errors import ConfigError, ScanError, ViewError
 from stack_counter.eval.common.cases import measure_volume
 from stack_counter.eval.common.figures_file import write_figures
+from stack_counter.eval.common.pose_errors import (
+    PoseError,
+    draw_silhouette,
+    format_poses,
+    is_right,
+    measure_poses,
+)
 from stack_counter.eval.common.sets import read_filled_scenes
 from stack_counter.sim import Scene, match_parts, parts_from_above, surface_grid
 from stack_counter.tasks.progress import progress
 from stack_counter.tasks.workers import Workers, map_tasks
-from stack_counter.types import HeightMap, VisiblePart
+from stack_counter.types import HeightMap, Mesh, VisiblePart
 from stack_counter.visible_parts.finder import VisiblePartFinder, make_finder
 
 # Distance within which a part is found, part lengths; share from which a part shows at all, and
@@ -51,6 +59,7 @@ class VisibleCase:
         share_error: mean error of the share that shows, of the right ones; NaN if there are none.
         seconds: time that finding took; NaN if the scan was refused.
         refused: why the scan was refused; empty if it was not.
+        poses: how far the told poses are off.
     """
 
     index: int
@@ -65,11 +74,12 @@ class VisibleCase:
     share_error: float = np.nan
     seconds: float = np.nan
     refused: str = ""
+    poses: tuple[PoseError, ...] = ()
 
 
 def run(options: argparse.Namespace) -> int:
     """Prints and writes the figures; returns the exit code."""
-    _load_finder(options.weights)  # raises here, not in a worker
+    _load_finder(options.weights, options.poses)  # raises here, not in a worker
     if options.pictures:
         options.pictures.mkdir(parents=True, exist_ok=True)
     jobs = [(scene, options) for scene in read_filled_scenes(options.set, options.scenes)]
@@ -77,20 +87,22 @@ def run(options: argparse.Namespace) -> int:
                           "scenes", len(jobs)))
     print(f"{options.set}: visible parts of {len(cases)} scenes, {options.depth} depth")
     print(format_table(cases))
+    if errors := [error for case in cases for error in case.poses]:
+        print(format_poses(errors))
     if options.json:
         write_figures(options.json, cases)
     return 0
 
 
 @cache
-def _load_finder(weights: Path | None) -> VisiblePartFinder:
+def _load_finder(weights: Path | None, poses: int) -> VisiblePartFinder:
     """Loads the network.
 
     Raises:
         ConfigError: none is named, and none shipped.
         WeightsError: it cannot be loaded.
     """
-    finder = make_finder(str(weights or ""))
+    finder = make_finder(str(weights or ""), poses)
     if finder is None:
         raise ConfigError("no network that finds visible parts is shipped; expected --weights: "
                           "python -m stack_counter.train.visible_parts trains one")
@@ -100,8 +112,8 @@ def _load_finder(weights: Path | None) -> VisiblePartFinder:
 def _measure_job(job: tuple[Scene, argparse.Namespace]) -> VisibleCase:
     """Records and measures a scene as the options say."""
     scene, options = job
-    return measure_scene(scene, _load_finder(options.weights), options.depth, options.views,
-                         options.pictures)
+    finder = _load_finder(options.weights, options.poses)
+    return measure_scene(scene, finder, options.depth, options.views, options.pictures)
 
 
 def measure_scene(scene: Scene, finder: VisiblePartFinder, depth: str, views: int,
@@ -117,8 +129,9 @@ def measure_scene(scene: Scene, finder: VisiblePartFinder, depth: str, views: in
         volume = measure_volume(scene, depth, views)
     except (ScanError, ViewError) as refused:
         return VisibleCase(*facts, refused=str(refused))
+    mesh = Mesh(scene.shape.vertices.astype(np.float32), scene.shape.faces)
     begin = time.perf_counter()
-    parts = finder.find(volume, scene.truth.unit_volume)
+    parts = finder.find(volume, scene.truth.unit_volume, mesh)
     seconds = time.perf_counter() - begin
     if parts is None:
         return VisibleCase(*facts, refused="the surface cannot be read")
@@ -128,14 +141,16 @@ def measure_scene(scene: Scene, finder: VisiblePartFinder, depth: str, views: in
     right = match >= 0
     told_shares = np.array([part.share_visible for part in parts])
     errors = np.abs(told_shares[right] - shares[match[right]])
+    poses = measure_poses([part.pose for part in parts], scene.part_poses(), mesh)
     if pictures is not None and volume.top is not None:
         picture = draw_found(volume.top, parts, right)
+        draw_poses(picture, volume.top, parts, poses, mesh)
         cv2.imwrite(str(pictures / f"scene_{scene.index:05d}.png"), picture)
     return VisibleCase(
         *facts, told=len(parts), right=int(right.sum()),
         mostly_shown=int((shares > _MOSTLY).sum()), seconds=seconds,
         found=int((shares[match[right]] > _MOSTLY).sum()),
-        share_error=float(errors.mean()) if len(errors) else np.nan)
+        share_error=float(errors.mean()) if len(errors) else np.nan, poses=poses)
 
 
 def draw_found(top: HeightMap, parts: Sequence[VisiblePart], right: np.ndarray) -> np.ndarray:
@@ -145,19 +160,29 @@ def draw_found(top: HeightMap, parts: Sequence[VisiblePart], right: np.ndarray) 
         (h, w, 3) uint8 BGR.
     """
     picture = draw_heights(top)
-    scale = picture.shape[1] / top.heights.shape[1]
-
-    def pixels(points: np.ndarray) -> np.ndarray:
-        local = geometry.apply(geometry.inverse(top.T_world_map), points)[:, :2] / top.pitch
-        local[:, 1] = top.heights.shape[0] - local[:, 1]  # y upwards
-        return np.round(local * scale).astype(np.int32)
-
     for part in parts:
-        cv2.polylines(picture, [pixels(part.outline)], True, _YELLOW, 1, cv2.LINE_AA)
-    for part, is_right in zip(parts, right):
-        x, y = pixels(part.position[None])[0].tolist()
-        cv2.circle(picture, (x, y), 3, _GREEN if is_right else _RED, -1, cv2.LINE_AA)
+        outline = _pixels(picture, top, part.outline)
+        cv2.polylines(picture, [outline], True, _YELLOW, 1, cv2.LINE_AA)
+    for part, is_there in zip(parts, right):
+        x, y = _pixels(picture, top, part.position[None])[0].tolist()
+        cv2.circle(picture, (x, y), 3, _GREEN if is_there else _RED, -1, cv2.LINE_AA)
     return picture
+
+
+def draw_poses(picture: np.ndarray, top: HeightMap, parts: Sequence[VisiblePart],
+               errors: Sequence[PoseError], mesh: Mesh) -> None:
+    """Draws the mesh at the told poses into `draw_found`'s picture: green right, red wrong."""
+    posed = [part.pose.T_world_part for part in parts if part.pose is not None]
+    for T, error in zip(posed, errors, strict=True):
+        corners = _pixels(picture, top, geometry.apply(T, mesh.vertices))[mesh.triangles]
+        draw_silhouette(picture, corners, _GREEN if is_right(error) else _RED)
+
+
+def _pixels(picture: np.ndarray, top: HeightMap, points: np.ndarray) -> np.ndarray:
+    """(n, 2) int32 x and y of (n, 3) world points in a picture of the map, whose y is upwards."""
+    local = geometry.apply(geometry.inverse(top.T_world_map), points)[:, :2] / top.pitch
+    local[:, 1] = top.heights.shape[0] - local[:, 1]
+    return np.round(local * picture.shape[1] / top.heights.shape[1]).astype(np.int32)
 
 
 def format_table(cases: list[VisibleCase]) -> str:

@@ -61,7 +61,8 @@ class CounterNode(ManagedNode[CounterConfig]):
         self._config = config
         self._check_part(config)
         self._estimator = make_estimator(config)
-        self._finder = make_finder(config.visible_parts_weights)
+        self._finder = make_finder(config.visible_parts_weights,
+                                   config.visible_part_poses)
         self._last: dict[str, StackCount] = {}  # of the last scan, by region
         self._counts = CountPublishers(self, config.result_json, self._finder is not None)
         self._marker = self.advertise(MarkerArray, "count_marker", LATCHED_NEWEST)

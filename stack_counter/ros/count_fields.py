@@ -19,14 +19,17 @@ from stack_counter_msgs.msg import StackCount as StackCountMsg
 from stack_counter_msgs.msg import StackVolume as StackVolumeMsg
 from stack_counter_msgs.msg import VisiblePart as VisiblePartMsg
 
+from stack_counter.ros.standard_messages import to_pose
 from stack_counter.types import (
     CellFillingLevel,
     FillingLevel,
+    PartPose,
     RangeValue,
     Reason,
     SourceCount,
     VisiblePart,
 )
+from stack_counter.views.decoding import pose_to_matrix
 
 _NOT_LOOKED_FOR = -1  # visible_count where there are none because nobody looked
 
@@ -138,14 +141,19 @@ def to_visible_parts(count: StackCountMsg) -> VisibleParts:
 def _to_visible_part(part: VisiblePart, number: int) -> VisiblePartMsg:
     x, y, z = part.position.tolist()
     width, length, _ = np.ptp(part.outline, axis=0).tolist()
-    return VisiblePartMsg(
+    message = VisiblePartMsg(
         id=str(number), score=part.score, position=Point(x=x, y=y, z=z),
         size=Rectangle(x=width, y=length), share_visible=part.share_visible,
         outline=Polygon(points=[Point32(x=a, y=b, z=c) for a, b, c in part.outline.tolist()]))
+    if part.pose is not None:
+        message.has_pose, message.pose_fit = True, part.pose.fit
+        message.pose = to_pose(part.pose.T_world_part)
+    return message
 
 
 def _from_visible_part(message: VisiblePartMsg) -> VisiblePart:
     position = message.position
     outline = np.array([[p.x, p.y, p.z] for p in message.outline.points]).reshape(-1, 3)
+    pose = PartPose(pose_to_matrix(message.pose), message.pose_fit) if message.has_pose else None
     return VisiblePart(np.array([position.x, position.y, position.z]), outline,
-                       message.share_visible, message.score)
+                       message.share_visible, message.score, pose)

@@ -26,7 +26,7 @@ from stack_counter.container.wall_shapes import BoxWall
 from stack_counter.errors import MeshError
 from stack_counter.fusion.surface import FusedSurface
 from stack_counter.lean_open3d import o3d
-from stack_counter.teaching.solid_mesh import ExpectedSolid, load_solid
+from stack_counter.parts.solid_mesh import ExpectedSolid, load_solid
 from stack_counter.types import HeightMap, InnerMap, Mesh, WallShape
 
 UP_AXES = {"z": (0, 0, 1), "y": (0, 1, 0), "x": (1, 0, 0),

@@ -3,34 +3,28 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from stack_counter.errors import MeshError
+from stack_counter.parts.part_solid import load_part_solid, load_solid_of_volume
+from stack_counter.parts.solid_mesh import Solid
 from stack_counter.sim import simplify_solid
-from stack_counter.teaching.solid_mesh import UNITS, ExpectedSolid, load_solid
 
 
 @dataclass(frozen=True)
 class PartMeshSettings:
-    """Which meshes are parts; chosen.
+    """How meshes are simulated; chosen.
 
     Attributes:
-        sizes_m: largest sides of parts that a robot cell handles, metres.
         max_faces: number of triangles for simulation; more bring time and no form.
-        same_volume: relative difference up to which a mesh has the volume of a known part.
     """
 
-    sizes_m: tuple[float, float] = (0.003, 0.5)
     max_faces: int = 6000
-    same_volume: float = 1e-2
 
 
 SETTINGS = PartMeshSettings()
-_PART = ExpectedSolid("part", SETTINGS.sizes_m, "one part, not an assembly")
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,17 +60,7 @@ def load_part_mesh(path: Path, unit: str = "mm") -> PartMesh:
         FileNotFoundError: no such file.
         MeshError: not a mesh, not watertight, not one body, or of no plausible size.
     """
-    solid = load_solid(path, unit, _PART)
-    mesh, notes = solid.mesh, list(solid.notes)
-    # v is that of the mesh as it came; the simulated one has fewer triangles
-    volume = float(mesh.volume)
-    coarse = simplify_solid(mesh, SETTINGS.max_faces)
-    if coarse is not mesh:
-        notes.append(f"{len(mesh.faces)} triangles; simulated with {len(coarse.faces)}, without "
-                     "fine threads and lettering; v is exact")
-        mesh = coarse
-    return PartMesh(np.asarray(mesh.vertices - mesh.center_mass, float),
-                    np.asarray(mesh.faces, np.int32), volume, tuple(notes))
+    return _simplified(load_part_solid(path, unit))
 
 
 def load_mesh_of_volume(path: Path, unit_volume: float) -> PartMesh:
@@ -90,15 +74,18 @@ def load_mesh_of_volume(path: Path, unit_volume: float) -> PartMesh:
         FileNotFoundError: no such file.
         MeshError: it is no solid, or has another volume in every unit.
     """
-    seen = []
-    for unit in UNITS:
-        try:
-            mesh = load_part_mesh(path, unit)
-        except MeshError as error:
-            seen.append(f"in {unit} {error}")
-            continue
-        if math.isclose(mesh.unit_volume, unit_volume, rel_tol=SETTINGS.same_volume):
-            return mesh
-        seen.append(f"in {unit} v is {mesh.unit_volume * 1e6:.6g} cm3")
-    raise MeshError(f"{path}: {'; '.join(seen)}; expected {unit_volume * 1e6:.6g} cm3, as the "
-                    "catalogue says: part add it again")
+    return _simplified(load_solid_of_volume(path, unit_volume))
+
+
+def _simplified(solid: Solid) -> PartMesh:
+    """The solid with the triangles that simulation takes."""
+    mesh, notes = solid.mesh, list(solid.notes)
+    # v is that of the mesh as it came; the simulated one has fewer triangles
+    volume = float(mesh.volume)
+    coarse = simplify_solid(mesh, SETTINGS.max_faces)
+    if coarse is not mesh:
+        notes.append(f"{len(mesh.faces)} triangles; simulated with {len(coarse.faces)}, without "
+                     "fine threads and lettering; v is exact")
+        mesh = coarse
+    return PartMesh(np.asarray(mesh.vertices - mesh.center_mass, float),
+                    np.asarray(mesh.faces, np.int32), volume, tuple(notes))

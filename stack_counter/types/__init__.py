@@ -31,7 +31,7 @@ from stack_counter.types.views import (
     View,
     ViewTally,
 )
-from stack_counter.types.visible_parts import VisiblePart
+from stack_counter.types.visible_parts import PartPose, VisiblePart
 
 __all__ = [
     "Arrangement",
@@ -51,6 +51,7 @@ __all__ = [
     "MeshMeasures",
     "OccupancyEstimate",
     "PARTS",
+    "PartPose",
     "PartRequest",
     "RangeValue",
     "Reason",

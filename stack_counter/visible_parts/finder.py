@@ -7,6 +7,7 @@ of every size, and knows no CAD.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from stack_counter.errors import ScanError, WeightsError
 from stack_counter.files import read_weights, shipped_weights
 from stack_counter.inference import NetworkSession
 from stack_counter.occupancy.maps import StackMaps, network_channels, stack_maps
-from stack_counter.types import HeightMap, StackVolume, VisiblePart
+from stack_counter.types import HeightMap, Mesh, StackVolume, VisiblePart
 from stack_counter.visible_parts.decoding import PartsInMap, decode_parts
 
 SHIPPED = "visible_parts.safetensors"
@@ -25,14 +26,19 @@ STRIDE = 16  # pixels for a cell of the network's coarsest features: maps are pa
 
 
 class VisiblePartFinder:
-    """The network with the score from which a part is told."""
+    """The network with the score from which a part is told.
 
-    def __init__(self, path: Path):
-        """Loads the network.
+    Attributes:
+        poses: number of parts whose poses are found where the part's mesh is known.
+    """
+
+    def __init__(self, path: Path, poses: int = 0):
+        """Loads the network of a file.
 
         Raises:
             WeightsError: the file is missing, not safetensors, of another format or not whole.
         """
+        self.poses = poses
         file = read_weights(path, FORMAT)
         try:
             self._threshold = float(file.metadata["threshold"])
@@ -41,7 +47,8 @@ class VisiblePartFinder:
                                ) from error
         self._session = NetworkSession(path, file.tensors)
 
-    def find(self, volume: StackVolume, unit_volume: float) -> tuple[VisiblePart, ...] | None:
+    def find(self, volume: StackVolume, unit_volume: float, mesh: Mesh | None = None
+             ) -> tuple[VisiblePart, ...] | None:
         """Finds the parts that show, the surest first.
 
         None where there is no surface to read, or the parts are too small beside it.
@@ -49,6 +56,7 @@ class VisiblePartFinder:
         Args:
             volume: the reconstruction.
             unit_volume: v, m3.
+            mesh: of the part, in its own axes, metres, for poses; None where it is not known.
         """
         if volume.top is None:
             return None
@@ -57,7 +65,14 @@ class VisiblePartFinder:
         except ScanError:
             return None
         parts = self.find_in_maps(maps)
-        return place_parts(parts, maps, volume.top, unit_volume ** (1 / 3))
+        part_length = unit_volume ** (1 / 3)
+        placed = place_parts(parts, maps, volume.top, part_length)
+        if mesh is None or not self.poses:
+            return placed
+        from stack_counter.visible_parts.poses import find_poses  # loads SciPy: seldom needed
+
+        poses = find_poses(parts, self.poses, volume.top, mesh, part_length)
+        return tuple(replace(part, pose=pose) for part, pose in zip(placed, poses))
 
     def find_in_maps(self, maps: StackMaps) -> PartsInMap:
         """Finds the parts that show in a stack's maps."""
@@ -67,19 +82,20 @@ class VisiblePartFinder:
         return decode_parts(output[:, :rows, :cols], maps.valid, self._threshold)
 
 
-def make_finder(weights: str = "") -> VisiblePartFinder | None:
+def make_finder(weights: str = "", poses: int = 0) -> VisiblePartFinder | None:
     """Returns what finds parts by the network of a file.
 
     Args:
         weights: of the file; empty: the shipped one, or None where none is shipped.
+        poses: number of parts whose poses are found where the part's mesh is known.
 
     Raises:
         WeightsError: it cannot be loaded.
     """
     if weights:
-        return VisiblePartFinder(Path(weights))
+        return VisiblePartFinder(Path(weights), poses)
     shipped = shipped_weights(SHIPPED)
-    return VisiblePartFinder(shipped) if shipped.exists() else None
+    return VisiblePartFinder(shipped, poses) if shipped.exists() else None
 
 
 def pad_channels(channels: np.ndarray) -> np.ndarray:

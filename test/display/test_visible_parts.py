@@ -11,7 +11,7 @@ from kits.result_schema import read_result
 
 from stack_counter.display.report import as_dict, as_text, write_report
 from stack_counter.display.visible_parts import outlines_in_view
-from stack_counter.types import VisiblePart
+from stack_counter.types import PartPose, VisiblePart
 
 SQUARE = np.array([[-0.03, -0.03, 0.1], [0.03, -0.03, 0.1], [0.03, 0.03, 0.1],
                    [-0.03, 0.03, 0.1]])
@@ -27,10 +27,18 @@ def test_json_has_their_number_and_places_or_null():
     assert result["visible_count"] == 2
     assert result["visible_parts"][1] == {
         "position_m": [0, 0, 0.1], "outline_m": SQUARE[:, :2].tolist(), "share_visible": 0.9,
-        "score": 0.75}
+        "score": 0.75, "pose": None}
     none = read_result(json.dumps(as_dict(counted_bin(), [])))
     assert none["visible_count"] is None and none["visible_parts"] is None
     assert read_result(json.dumps(as_dict(with_parts(), [])))["visible_parts"] == []
+
+
+def test_json_has_the_pose_of_a_part_that_has_one():
+    T = np.array([[0, -1, 0, 0.1], [1, 0, 0, 0.2], [0, 0, 1, 0.3], [0, 0, 0, 1]], float)
+    posed = replace(PART, pose=PartPose(T, 0.625))
+    result = read_result(json.dumps(as_dict(with_parts(posed), [])))
+    assert result["visible_parts"][0]["pose"] == {
+        "position_m": [0.1, 0.2, 0.3], "quaternion_xyzw": [0, 0, 0.70711, 0.70711], "fit": 0.625}
 
 
 def test_words_say_what_is_seen_and_what_is_inferred():

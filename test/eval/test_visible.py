@@ -4,6 +4,7 @@
 import json
 import math
 
+import cv2
 import pytest
 from kits.cubes import cubes
 from kits.part_weights import SHARE_TOLD, write_part_weights
@@ -27,6 +28,16 @@ def test_cubes_apart_are_all_found_and_drawn(finder, tmp_path):
     assert case.share_error == pytest.approx(1 - SHARE_TOLD, abs=0.01) and case.seconds > 0
     assert (case.kind, case.count, case.refused) == ("bin", 3, "")
     assert (tmp_path / "scene_00000.png").stat().st_size > 500
+
+
+def test_poses_of_the_best_cubes_are_measured_and_drawn(tmp_path):
+    posing = VisiblePartFinder(write_part_weights(tmp_path / "w.safetensors"), poses=2)
+    scene = cubes((-1.5, 0.5, 0.5), (1, -1, 0.5), (1, 1, 0.5), kind="bin")
+    case = visible.measure_scene(scene, posing, "ideal", 12, tmp_path)
+    assert len(case.poses) == 2 and all(p.error < 0.03 and p.fit > 0.7 for p in case.poses)
+    picture = cv2.imread(str(tmp_path / "scene_00000.png"))
+    green = (picture == visible._GREEN).all(axis=-1)
+    assert 20 < green.sum()
 
 
 def test_a_covered_cube_is_missed_and_one_told_beside_its_place_is_wrong(finder):
@@ -58,9 +69,9 @@ def test_the_table_sums_parts_not_scenes():
 
 
 def test_without_weights_the_command_says_where_they_come_from(monkeypatch, capsys):
-    monkeypatch.setattr(visible, "make_finder", lambda weights: None)
+    monkeypatch.setattr(visible, "make_finder", lambda weights, poses: None)
     visible._load_finder.cache_clear()
     with pytest.raises(ConfigError, match="expected --weights"):
-        visible._load_finder(None)
+        visible._load_finder(None, 0)
     assert main(["evaluate", "visible", "--set", "nowhere"]) == 2
     assert "no network that finds visible parts is shipped" in capsys.readouterr().err

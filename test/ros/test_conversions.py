@@ -25,6 +25,7 @@ from stack_counter.types import (
     HeightMap,
     Intrinsics,
     KeyView,
+    PartPose,
     PartRequest,
     RangeValue,
     Reason,
@@ -75,7 +76,8 @@ def example_cell(seed):
 def example_visible_part(seed):
     """A part whose outline is in steps that single precision has."""
     random = np.random.default_rng(seed)
-    return VisiblePart(random.random(3), random.integers(0, 999, (5, 3)) / 1024, 0.75, 0.5)
+    return VisiblePart(random.random(3), random.integers(0, 999, (5, 3)) / 1024, 0.75, 0.5,
+                       PartPose(random_transform(seed), 0.625))
 
 
 def examples():
@@ -221,6 +223,12 @@ def test_a_count_without_a_weight_stays_without():
 def test_parts_that_were_not_looked_for_are_told_from_none_that_show(parts):
     count = dataclasses.replace(examples()["StackCount"], visible_parts=parts)
     assert received_count(count).visible_parts == parts
+
+
+def test_a_part_without_a_pose_stays_without():
+    part = dataclasses.replace(example_visible_part(13), pose=None)
+    count = dataclasses.replace(examples()["StackCount"], visible_parts=(part,))
+    assert received_count(count).visible_parts[0].pose is None
 
 
 def test_parts_that_show_have_places_of_their_own_in_the_message():

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from kits.known_parts import ConstantEstimator
 from kits.part_weights import SHARE_TOLD, write_part_weights
 from safetensors.numpy import save_file
 from scipy.spatial.transform import Rotation
 
 from stack_counter import files, geometry
-from stack_counter.errors import WeightsError
+from stack_counter.errors import PartError, WeightsError
 from stack_counter.parts.catalogue import Part
 from stack_counter.stack_count import count_stack
 from stack_counter.types import Container, HeightMap, StackVolume, ViewTally
@@ -107,6 +108,36 @@ def test_a_count_carries_them_where_there_is_a_finder(finder):
     unread = StackVolume(**{**vars(volume), "top": None})
     assert count_stack(unread, part, ConstantEstimator(1.0), 0.9,
                        finder=finder).visible_parts is None
+
+
+def test_the_best_parts_of_a_count_have_poses_where_the_part_has_a_mesh(finder, tmp_path):
+    T = geometry.pose(Rotation.from_euler("z", 0.4).as_matrix(), np.array([1.0, -2.0, 0.7]))
+    volume, mesh = stack(T_world_map=T), tmp_path / "cube.stl"
+    trimesh.creation.box((1000 * LENGTH,) * 3).apply_translation((9, 0, 0)).export(mesh)  # mm
+    part = Part(LENGTH**3, "cube", mesh=mesh)
+    posing = VisiblePartFinder(write_part_weights(tmp_path / "w.safetensors"), poses=2)
+    parts = count_stack(volume, part, ConstantEstimator(1.0), 0.9, finder=posing).visible_parts
+    posed = [p for p in parts if p.pose is not None]
+    assert len(posed) == 2 and len(parts) == 3
+    for found in posed:
+        middle = geometry.apply(found.pose.T_world_part, np.array([0.009, 0, 0]))
+        assert middle[:2] == pytest.approx(found.position[:2], abs=0.002)
+        assert middle[2] == pytest.approx(0.705 + LENGTH / 2, abs=0.002)
+        assert found.pose.fit > 0.7
+    for no_poses in ((part, finder), (Part(LENGTH**3), posing)):
+        count = count_stack(volume, no_poses[0], ConstantEstimator(1.0), 0.9, finder=no_poses[1])
+        assert [p.pose for p in count.visible_parts] == [None] * 3
+
+
+def test_a_mesh_that_cannot_be_read_is_an_error_where_poses_are_asked_for(finder, tmp_path):
+    posing = VisiblePartFinder(write_part_weights(tmp_path / "w.safetensors"), poses=2)
+    gone = Part(LENGTH**3, "cube", mesh=tmp_path / "gone.stl")
+    with pytest.raises(PartError, match=r"mesh of part 'cube'.*gone.stl"):
+        count_stack(stack(), gone, ConstantEstimator(1.0), 0.9, finder=posing)
+    assert count_stack(stack(), gone, ConstantEstimator(1.0), 0.9, finder=finder).count == 3
+    trimesh.creation.box((5, 5, 5)).export(gone.mesh)
+    with pytest.raises(PartError, match="expected 8 cm3"):
+        count_stack(stack(), gone, ConstantEstimator(1.0), 0.9, finder=posing)
 
 
 def test_an_empty_bin_shows_none_whatever_its_floor_looks_like(finder):

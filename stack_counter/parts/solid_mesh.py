@@ -6,12 +6,15 @@ from __future__ import annotations
 import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 
 from stack_counter.errors import MeshError
-from stack_counter.teaching.step_file import load_step
+from stack_counter.parts.step_file import load_step
+
+if TYPE_CHECKING:  # it loads SciPy, and the simulator's solids where they are installed
+    import trimesh
 
 UNITS = {"mm": 1e-3, "m": 1.0, "in": 0.0254}
 _SUFFIXES = (".stl", ".obj", ".ply", ".off", ".step", ".stp")
@@ -79,6 +82,8 @@ def load_solid(path: Path, unit: str, expected: ExpectedSolid) -> Solid:
 
 def _read_mesh(path: Path, expected: ExpectedSolid) -> trimesh.Trimesh:
     """The mesh of a file in its own unit, seams and slivers mended as far as that is safe."""
+    import trimesh
+
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         raise MeshError(f"{path.name} ends in '{path.suffix}'; expected one of "
@@ -122,6 +127,8 @@ def _check_numbers(mesh: trimesh.Trimesh, name: str) -> None:
 
 def _check_closed(mesh: trimesh.Trimesh, name: str) -> None:
     """Refuses an open mesh; mends the winding of a closed one in place."""
+    import trimesh
+
     if not mesh.is_watertight:
         uses = np.unique(mesh.edges_unique_inverse, return_counts=True)[1]
         raise MeshError(f"{name} is not watertight: {int((uses != 2).sum())} of {len(uses)} edges "

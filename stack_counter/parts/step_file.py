@@ -10,11 +10,13 @@ from concurrent.futures import TimeoutError as TooLate
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-
-import trimesh
+from typing import TYPE_CHECKING
 
 from stack_counter.errors import MeshError
 from stack_counter.tasks.child_processes import worker_pool
+
+if TYPE_CHECKING:  # it loads SciPy, and the simulator's solids where they are installed
+    import trimesh
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,8 @@ def load_step(path: Path) -> trimesh.Trimesh | trimesh.Scene:
         MeshError: the reader has crashed, or takes too long or too much memory.
         Exception: the reader's own, of many kinds.
     """
+    import trimesh
+
     with tempfile.TemporaryDirectory(prefix="stack_counter_") as folder:
         out = Path(folder) / "mesh.glb"
         try:
