@@ -176,8 +176,7 @@ class CounterConfig:
     weights: str = _setting("", "safetensors file of the estimator; empty: the shipped one",
                             path=True)
     visible_parts_weights: str = _setting("", "safetensors file of what finds the parts that "
-                                              "show; empty: the shipped one, if there is one",
-                                          path=True)
+                                              "show; empty: the shipped one", path=True)
     visible_part_poses: int = _setting(0, "visible parts, the surest of which most shows, whose "
                                           "pose is found by the part's mesh; 0: of none", 0, 1000)
     encoder_weights: str = _setting("", "folder with your own DINOv2 weights, for estimator "

@@ -22,7 +22,7 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.display.drawings import draw_heights
-from stack_counter.errors import ConfigError, ScanError, ViewError
+from stack_counter.errors import ScanError, ViewError
 from stack_counter.eval.common.cases import measure_volume
 from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.pose_errors import (
@@ -96,17 +96,12 @@ def run(options: argparse.Namespace) -> int:
 
 @cache
 def _load_finder(weights: Path | None, poses: int) -> VisiblePartFinder:
-    """Loads the network.
+    """Loads the network once for each process.
 
     Raises:
-        ConfigError: none is named, and none shipped.
         WeightsError: it cannot be loaded.
     """
-    finder = make_finder(str(weights or ""), poses)
-    if finder is None:
-        raise ConfigError("no network that finds visible parts is shipped; expected --weights: "
-                          "python -m stack_counter.train.visible_parts trains one")
-    return finder
+    return make_finder(str(weights or ""), poses)
 
 
 def _measure_job(job: tuple[Scene, argparse.Namespace]) -> VisibleCase:

@@ -35,17 +35,15 @@ class CountPublishers:
     other; how many regions there are only the reconstructor knows.
     """
 
-    def __init__(self, node: ManagedNode, with_json: bool, with_visible_parts: bool):
+    def __init__(self, node: ManagedNode, with_json: bool):
         """Makes the publishers of a node that is being set up.
 
         Args:
             node: publishes.
             with_json: whether final counts go out as JSON as well.
-            with_visible_parts: whether the parts that show are looked for, and go out.
         """
         self._node, self._with_json = node, with_json
-        self._visible = node.advertise(VisibleParts, "visible_parts", LATCHED_NEWEST) \
-            if with_visible_parts else None
+        self._visible = node.advertise(VisibleParts, "visible_parts", LATCHED_NEWEST)
         self._running = node.advertise(StackCount, "running_count", RELIABLE)
         self._final = {"": self._advertise_final()}  # by region
 
@@ -61,7 +59,7 @@ class CountPublishers:
             count: what is published.
             volume: what it was counted from.
         """
-        if self._visible is not None and not count.error:
+        if not count.error:
             self._visible.publish(to_visible_parts(count))
         if not count.final:
             self._running.publish(count)

@@ -64,7 +64,7 @@ class CounterNode(ManagedNode[CounterConfig]):
         self._finder = make_finder(config.visible_parts_weights,
                                    config.visible_part_poses)
         self._last: dict[str, StackCount] = {}  # of the last scan, by region
-        self._counts = CountPublishers(self, config.result_json, self._finder is not None)
+        self._counts = CountPublishers(self, config.result_json)
         self._marker = self.advertise(MarkerArray, "count_marker", LATCHED_NEWEST)
         # Of the last stack of each region: an error is written there as well.
         self._text_places: dict[str, TextPlace] = {}

@@ -82,20 +82,17 @@ class VisiblePartFinder:
         return decode_parts(output[:, :rows, :cols], maps.valid, self._threshold)
 
 
-def make_finder(weights: str = "", poses: int = 0) -> VisiblePartFinder | None:
+def make_finder(weights: str = "", poses: int = 0) -> VisiblePartFinder:
     """Returns what finds parts by the network of a file.
 
     Args:
-        weights: of the file; empty: the shipped one, or None where none is shipped.
+        weights: of the file; empty: the shipped one.
         poses: number of parts whose poses are found where the part's mesh is known.
 
     Raises:
         WeightsError: it cannot be loaded.
     """
-    if weights:
-        return VisiblePartFinder(Path(weights), poses)
-    shipped = shipped_weights(SHIPPED)
-    return VisiblePartFinder(shipped, poses) if shipped.exists() else None
+    return VisiblePartFinder(Path(weights) if weights else shipped_weights(SHIPPED), poses)
 
 
 def pad_channels(channels: np.ndarray) -> np.ndarray:

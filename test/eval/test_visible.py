@@ -10,7 +10,7 @@ from kits.cubes import cubes
 from kits.part_weights import SHARE_TOLD, write_part_weights
 
 from stack_counter.cli.main import main
-from stack_counter.errors import ConfigError, ScanError
+from stack_counter.errors import ScanError
 from stack_counter.eval import visible
 from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.visible_parts.finder import VisiblePartFinder
@@ -68,10 +68,7 @@ def test_the_table_sums_parts_not_scenes():
     assert of_bin.split()[:2] == ["bin", "1"] and of_heap.split()[:2] == ["none", "1"]
 
 
-def test_without_weights_the_command_says_where_they_come_from(monkeypatch, capsys):
-    monkeypatch.setattr(visible, "make_finder", lambda weights, poses: None)
-    visible._load_finder.cache_clear()
-    with pytest.raises(ConfigError, match="expected --weights"):
-        visible._load_finder(None, 0)
-    assert main(["evaluate", "visible", "--set", "nowhere"]) == 2
-    assert "no network that finds visible parts is shipped" in capsys.readouterr().err
+def test_weights_that_are_not_there_end_the_command_before_a_scene_is_read(tmp_path, capsys):
+    missing = str(tmp_path / "missing.safetensors")
+    assert main(["evaluate", "visible", "--set", "nowhere", "--weights", missing]) == 2
+    assert f"no weights file {missing}" in capsys.readouterr().err

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a reconstruction to parts in the world, by a network that is a rule."""
 
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,12 +10,11 @@ from kits.part_weights import SHARE_TOLD, write_part_weights
 from safetensors.numpy import save_file
 from scipy.spatial.transform import Rotation
 
-from stack_counter import files, geometry
+from stack_counter import geometry
 from stack_counter.errors import PartError, WeightsError
 from stack_counter.parts.catalogue import Part
 from stack_counter.stack_count import count_stack
 from stack_counter.types import Container, HeightMap, StackVolume, ViewTally
-from stack_counter.visible_parts import finder as finder_module
 from stack_counter.visible_parts.finder import FORMAT, VisiblePartFinder, make_finder
 
 LENGTH, PITCH = 0.02, 0.002
@@ -77,11 +75,10 @@ def test_what_cannot_be_read_gives_none(finder):
     assert finder.find(volume, 1e-12) is None  # too small beside the surface
 
 
-def test_without_a_file_there_is_no_finder_unless_one_is_shipped(tmp_path, monkeypatch):
-    monkeypatch.setattr(finder_module, "shipped_weights", lambda name: tmp_path / name)
-    assert make_finder() is None
-    write_part_weights(tmp_path / finder_module.SHIPPED)
+def test_the_shipped_file_serves_unless_another_is_named(tmp_path):
     assert isinstance(make_finder(), VisiblePartFinder)
+    write_part_weights(tmp_path / "own.safetensors")
+    assert isinstance(make_finder(str(tmp_path / "own.safetensors")), VisiblePartFinder)
     with pytest.raises(WeightsError, match="no weights file"):
         make_finder(str(tmp_path / "missing.safetensors"))
 
@@ -91,11 +88,6 @@ def test_a_file_without_a_threshold_is_refused(tmp_path):
               metadata={"format": FORMAT})
     with pytest.raises(WeightsError, match="no threshold"):
         VisiblePartFinder(tmp_path / "w.safetensors")
-
-
-def test_what_is_shipped_if_it_is_fits_the_limit():
-    path = files.shipped_weights(finder_module.SHIPPED)
-    assert isinstance(path, Path) and (not path.exists() or path.stat().st_size < 2e6)
 
 
 def test_a_count_carries_them_where_there_is_a_finder(finder):
