@@ -143,7 +143,8 @@ import ctypes, importlib.util, os, shutil, sys, sysconfig
 
 missing = []
 for library, package in (("libusb-1.0.so.0", "libusb-1.0-0"), ("libGL.so.1", "libgl1"),
-                         ("libgomp.so.1", "libgomp1"), ("libEGL.so.1", "libegl1")):
+                         ("libgomp.so.1", "libgomp1"), ("libEGL.so.1", "libegl1"),
+                         ("libidn2.so.0", "libidn2-0")):
     try:
         ctypes.CDLL(library)
     except OSError:

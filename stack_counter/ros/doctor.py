@@ -5,34 +5,26 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
-import rclpy
-from lifecycle_msgs.srv import GetState
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from stack_counter.bag.camera_topics import fit_rig_to_bag, missing_depth_line
 from stack_counter.bag.doctor import camera_finding
 from stack_counter.config import CollectorConfig, Config
-from stack_counter.config.parameter_files import NAMESPACE
 from stack_counter.errors import BagError
 from stack_counter.ros.graph_findings import (
     COLLECTOR,
-    NO_ANSWER,
-    NOT_RUNNING,
     Ends,
     clock_findings,
     node_findings,
     qos_findings,
 )
-from stack_counter.ros.processes import NODES, shared_memory_environment
+from stack_counter.ros.node_states import GraphWatcher, ros_of_a_command
+from stack_counter.ros.processes import NODES
 from stack_counter.ros.qos import profile_that_hears
-from stack_counter.ros.security import check_security
 from stack_counter.ros.standard_messages import message_type
 from stack_counter.views.checkup.checkup import Checkup
 from stack_counter.views.checkup.diagnosis import diagnose
@@ -51,19 +43,17 @@ class DoctorSettings:
         margin_s: before and after the colour images are taken, in which only their partners
             are, seconds.
         listen_s: in which colour images are taken, seconds.
-        answer_s: longest wait for a node's state, seconds.
     """
 
     discovery_s: float = 2.0
     margin_s: float = 0.7
     listen_s: float = 4.0
-    answer_s: float = 2.0
 
 
 SETTINGS = DoctorSettings()
 
 
-class GraphDoctor:
+class GraphDoctor(GraphWatcher):
     """A node that looks at what is published.
 
     Attributes:
@@ -72,15 +62,8 @@ class GraphDoctor:
 
     def __init__(self, context: Context | None = None):
         """Makes the node. `context`: the ROS context; None: the default one."""
-        self.node = Node("doctor", namespace=NAMESPACE, context=context)
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self.node)
+        super().__init__("doctor", context)
         self._takes_color = False
-
-    def close(self) -> None:
-        """Ends the node."""
-        self._executor.shutdown()
-        self.node.destroy_node()
 
     def examine(self, config: Config) -> tuple[list[str], list[Finding]]:
         """What comes, a line each, and what is wrong.
@@ -88,8 +71,8 @@ class GraphDoctor:
         Raises:
             ConfigError: the rig file cannot be used.
         """
-        self._spin(SETTINGS.discovery_s)
-        states = {name: self._state_of(name) for name in NODES}
+        self.spin(SETTINGS.discovery_s)
+        states = {name: self.state_of(name) for name in NODES}
         topics = self._published_topics()
         lines = [f"graph    ROS domain {os.environ.get('ROS_DOMAIN_ID', 0)}, {len(topics)} topics",
                  "nodes    " + ", ".join(f"{name} {state}" for name, state in states.items())]
@@ -109,41 +92,22 @@ class GraphDoctor:
         return lines, [*findings, *self._qos_findings(check, config.collector),
                        *node_findings(states)]
 
-    def _spin(self, seconds: float, is_done: Callable[[], bool] = lambda: False) -> None:
-        """Takes what comes for some seconds, or until something is done."""
-        end = time.monotonic() + seconds
-        while not is_done() and (left := end - time.monotonic()) > 0:
-            self._executor.spin_once(timeout_sec=min(left, 0.1))
-
     def _published_topics(self) -> dict[str, tuple[str, int]]:
         """Type name and number of publishers by topic."""
         counts = {name: (kinds[0], self.node.count_publishers(name))
                   for name, kinds in self.node.get_topic_names_and_types()}
         return {name: held for name, held in counts.items() if held[1]}
 
-    def _state_of(self, name: str) -> str:
-        """Name of the state of a node's lifecycle, or why there is none."""
-        service = f"{NAMESPACE}/{name}/get_state"
-        if service not in dict(self.node.get_service_names_and_types()):
-            return NOT_RUNNING
-        client = self.node.create_client(GetState, service)
-        self._spin(SETTINGS.answer_s, client.service_is_ready)
-        future = client.call_async(GetState.Request())
-        self._spin(SETTINGS.answer_s, future.done)
-        answer = future.result() if future.done() else None
-        self.node.destroy_client(client)
-        return str(answer.current_state.label) if answer is not None else NO_ANSWER
-
     def _listen(self, check: Checkup, published: set[str]) -> None:
         """Takes messages for some seconds; colour images so that their partners come as well."""
         for topic in check.topics:
             if topic in published:
                 self._subscribe(check, topic)
-        self._spin(SETTINGS.margin_s)
+        self.spin(SETTINGS.margin_s)
         self._takes_color = True
-        self._spin(SETTINGS.listen_s)
+        self.spin(SETTINGS.listen_s)
         self._takes_color = False
-        self._spin(SETTINGS.margin_s)
+        self.spin(SETTINGS.margin_s)
         check.finish()
 
     def _subscribe(self, check: Checkup, topic: str) -> None:
@@ -181,14 +145,9 @@ def examine_graph(config: Config) -> tuple[list[str], list[Finding]]:
     Raises:
         ConfigError: the rig file cannot be used; security is asked for and cannot be had.
     """
-    check_security()
-    os.environ.update(shared_memory_environment())
-    rclpy.init(args=[])  # the command's own words are not for ROS
-    try:
+    with ros_of_a_command():
         doctor = GraphDoctor()
         try:
             return doctor.examine(config)
         finally:
             doctor.close()
-    finally:
-        rclpy.try_shutdown()
