@@ -25,13 +25,14 @@ def intrinsics_of_camera_info(message: Any, rectified: bool = False) -> Intrinsi
     Args:
         message: the `CameraInfo`.
         rectified: the images are, so that its P holds, without distortion; of a driver that
-            leaves P empty, K and distortion.
+            leaves P empty, K and distortion. Where nothing distorts there is nothing to
+            rectify, and K holds whatever P says, as image_proc passes such images on.
     """
     k = [float(x) for x in (message.k if hasattr(message, "k") else message.K)]
     d = message.d if hasattr(message, "d") else message.D
     model = str(message.distortion_model)
-    if rectified and (p := np.reshape(message.p if hasattr(message, "p") else message.P,
-                                      (3, 4)).astype(float))[0, 0] > 0:
+    if rectified and any(d) and (p := np.reshape(
+            message.p if hasattr(message, "p") else message.P, (3, 4)).astype(float))[0, 0] > 0:
         k, d, model = p[:, :3].ravel().tolist(), (), ""
     width, height = int(message.width), int(message.height)
     left = top = 0

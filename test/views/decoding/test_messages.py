@@ -160,6 +160,12 @@ def test_rectified_images_have_the_projection_and_no_distortion():
     assert decoding.intrinsics_of_camera_info(empty, rectified=True) == given
 
 
+def test_images_without_distortion_have_k_whatever_p_says():
+    message = replace(kit.camera_info(kit.SMALL),
+                      p=np.array([140.0, 0, 80, 0, 0, 141, 60, 0, 0, 0, 1, 0]))
+    assert decoding.intrinsics_of_camera_info(message, rectified=True) == kit.SMALL
+
+
 def test_stamps_keep_every_nanosecond():
     stamp = 1_700_000_000_123_456_789
     assert decoding.stamp_ns(kit.header(stamp).stamp) == stamp
