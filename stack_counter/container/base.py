@@ -35,6 +35,10 @@ class BaseSettings:
         min_slice_share: least number of points of a slice that shows the wall, over the typical.
         stride: pixels between the points that are looked for below the container.
         min_under: least distance inside the wall of a point that is seen below it, m.
+        lower_stride: pixels between the points that are looked for right beside the container: a
+            gap beside a deep recess shows little of it.
+        min_lower_share: least share of a direction's points right beside the wall that lie lower
+            than its underside where that stands in a recess.
         min_under_share: least share of the directions that show such points.
         max_draft: steepest overhang, m/m, of a wall whose lower edge shows from above.
         max_unseen_foot: height above its underside, m, down to which a side of a box must show:
@@ -60,6 +64,8 @@ class BaseSettings:
     min_slice_share: float = 0.2
     stride: int = 4
     min_under: float = 0.008
+    lower_stride: int = 2
+    min_lower_share: float = 0.1
     min_under_share: float = 0.15
     max_draft: float = 0.1
     max_unseen_foot: float = 0.008
@@ -77,7 +83,7 @@ def find_base(top: HeightMap, views: list[View], wall: FittedWall, points: FaceP
 
     It is configured, or follows from the rim and a configured depth, or is the height of the
     ground right beside the container, or of its wall's lower edge where one can see below it; 0
-    where nothing shows that it is raised.
+    where nothing shows that it is raised, or stands in a recess.
 
     Args:
         top: highest surface, heights above the support plane.
@@ -98,7 +104,11 @@ def find_base(top: HeightMap, views: list[View], wall: FittedWall, points: FaceP
         base = rim_height + worn - depth - (config.container_floor_m or wall.thickness)
         has_thick_floor = lower_edge < base - s.min_height
         return 0.0 if abs(base) < s.same_floor or has_thick_floor else base
-    min_height = max(s.min_height, s.noise_factor * region.noise)
+    min_height = _min_height(region)
+    # The wall of a container in a recess goes on below the support plane.
+    recess = _common_height(_recess_by_sector(top, wall.shape, region))
+    if recess is not None and lower_edge < s.min_height:
+        return recess
     ground = _common_height(_ground_by_sector(top, wall.shape))
     # The wall's own lower edge contradicts a ground that is another thing's top.
     if ground is not None and ground > min_height and lower_edge > ground - s.min_height:
@@ -109,27 +119,31 @@ def find_base(top: HeightMap, views: list[View], wall: FittedWall, points: FaceP
     return 0.0
 
 
-def reaches_base(top: HeightMap, wall: FittedWall, points: FacePoints, rim_height: float,
-                 base: float) -> bool:
-    """Whether a box's wall is seen down to the underside that it is taken to have.
+def reaches_base(top: HeightMap, views: list[View], wall: FittedWall, points: FacePoints,
+                 rim_height: float, base: float, region: Region) -> bool:
+    """Whether a wall is seen down to the underside that its container is taken to have.
 
-    Only sides beside which the ground shows are looked at: other things hide a wall's foot. Other
-    kinds may lean so far that no camera sees their foot; of what shows no outer face at all,
-    nothing is known.
+    No wall is beside which something lower shows, as in a recess. Of a box, only sides beside
+    which the ground shows are looked at: other things hide a wall's foot. Other kinds may lean
+    so far that no camera sees their foot; of what shows no outer face at all, nothing is known.
 
     Args:
         top: highest surface, heights above the support plane.
+        views: with depth.
         wall: fitted.
         points: of its faces.
         rim_height: above the support plane, metres.
         base: height of the underside above the support plane, metres.
+        region: with the support plane and the depth's noise.
     """
+    if _shows_lower(views, wall.shape, min(base, 0.0), region):
+        return False
     if wall.shape.kind != "box":
         return True
     side = _sides(points.xy, wall.shape)
     edges = np.array([find_lower_edge(wall.shape, points.select(side == i), rim_height)
                       for i in range(4)])
-    short = (edges < rim_height) & (edges - base >= SETTINGS.max_unseen_foot)
+    short = (edges < rim_height) & (edges - max(base, 0.0) >= SETTINGS.max_unseen_foot)
     # Whether the ground shows beside each side.
     xy, heights = _cells_beside(top, wall.shape)
     level, beside = np.abs(heights - base) < SETTINGS.min_height, _sides(xy, wall.shape)
@@ -181,23 +195,67 @@ def _common_height(heights: np.ndarray) -> float | None:
 
 def _ground_by_sector(top: HeightMap, shape: WallShape) -> np.ndarray:
     """(sectors,) height of what lies right beside the wall, metres; NaN where nothing shows."""
-    s = SETTINGS
+    return _medians_by_sector(*_cells_beside(top, shape), shape)
+
+
+def _recess_by_sector(top: HeightMap, shape: WallShape, region: Region) -> np.ndarray:
+    """(sectors,) height of what lies right beside the wall and below the support plane, metres.
+
+    NaN where nothing shows that lies surely lower than the plane.
+    """
     xy, heights = _cells_beside(top, shape)
-    known = np.isfinite(heights)
+    lower = np.where(heights < -_min_height(region), heights, np.nan)
+    return _medians_by_sector(xy, lower, shape)
+
+
+def _min_height(region: Region) -> float:
+    """Distance from the support plane, metres, of what surely lies above or below it."""
+    return max(SETTINGS.min_height, SETTINGS.noise_factor * region.noise)
+
+
+def _shows_lower(views: list[View], shape: WallShape, base: float, region: Region) -> bool:
+    """Whether the views see what lies lower than a container's underside right beside its wall.
+
+    Args:
+        views: with depth.
+        shape: outer face of the wall, world frame.
+        base: height of the underside, at most that of the support plane, metres above it.
+        region: with the support plane and the depth's noise.
+    """
+    s = SETTINGS
+    every, lower = np.zeros(s.sectors, int), np.zeros(s.sectors, int)
+    for view in views:
+        points = geometry.world_points(view, s.lower_stride).reshape(-1, 3)
+        points = points[np.isfinite(points[:, 2])]
+        points = points[_is_beside(shape.depth_inside(points[:, :2], np.zeros(len(points))))]
+        is_lower = points[:, 2] - region.plane_z < base - _min_height(region)
+        for found, chosen in ((every, points), (lower, points[is_lower])):
+            found += np.bincount(_sectors(chosen[:, :2], shape), minlength=s.sectors)
+    shows = (lower >= s.min_cells) & (lower >= s.min_lower_share * every)
+    return bool(np.mean(shows) >= s.min_share)
+
+
+def _medians_by_sector(xy: np.ndarray, heights: np.ndarray, shape: WallShape) -> np.ndarray:
+    """(sectors,) medians of (n,) heights at places (n, 2), metres; NaN for too few finite ones."""
+    s, known = SETTINGS, np.isfinite(heights)
     heights, sector = heights[known], _sectors(xy[known], shape)
-    ground = np.full(s.sectors, np.nan)
+    medians = np.full(s.sectors, np.nan)
     for i in np.nonzero(np.bincount(sector, minlength=s.sectors) >= s.min_cells)[0]:
-        ground[i] = np.median(heights[sector == i])
-    return ground
+        medians[i] = np.median(heights[sector == i])
+    return medians
 
 
 def _cells_beside(top: HeightMap, shape: WallShape) -> tuple[np.ndarray, np.ndarray]:
     """(n, 2) world places of the cells right beside the wall, and their (n,) heights, metres."""
-    outside = -map_depth_inside(top, shape)
-    beside = (outside > SETTINGS.strip_start) & (outside < SETTINGS.strip_end)
+    beside = _is_beside(map_depth_inside(top, shape))
     rows, cols = np.divmod(np.nonzero(beside)[0], top.heights.shape[1])
     cells = np.stack([cols + 0.5, rows + 0.5, np.zeros(len(rows))], axis=1) * top.pitch
     return geometry.apply(top.T_world_map, cells)[:, :2], top.heights.ravel()[beside]
+
+
+def _is_beside(inside: np.ndarray) -> np.ndarray:
+    """(n,) bool of distances (n,) inside an outline, metres: those right outside of it."""
+    return (inside < -SETTINGS.strip_start) & (inside > -SETTINGS.strip_end)
 
 
 def _shows_below(views: list[View], shape: WallShape, rim_height: float, region: Region) -> bool:

@@ -159,7 +159,7 @@ def find_container(surface: FusedSurface, views: list[View], region: Region, vox
                                   else np.inf, config) \
             and has_plausible_floor(container, config)
         return FoundContainer(container, True, as_given, reaches_base(
-            everything, candidate.wall, candidate.points, rim_height, base))
+            everything, views, candidate.wall, candidate.points, rim_height, base, region))
     if config.container_kind != "auto":
         raise ScanError(f"no {config.container_kind} container found: a level rim on "
                         f"{rim.outline_share if rim else 0.0:.0%} of its outline, a wall below it "

@@ -13,6 +13,7 @@ from stack_counter.container.base import find_lower_edge, reaches_base
 from stack_counter.container.wall_fit import FacePoints, FittedWall
 from stack_counter.container.wall_shapes import BoxWall, RoundWall
 from stack_counter.errors import ScanError
+from stack_counter.fusion.region import Region
 from stack_counter.pipeline import StackCounter
 from stack_counter.types import BACKGROUND, CONTAINER, HeightMap, View
 
@@ -22,12 +23,12 @@ BOARD = [((0, 0, LIFT / 2), (0.28, 0.22, LIFT))]
 RAILS = [((x, 0, LIFT / 2), (0.02, 0.1, LIFT)) for x in (-0.06, 0.06)]
 
 
-def raised_views(supports, lift=LIFT, tilts=(20, 45)):
+def raised_views(supports, lift=LIFT, tilts=(20, 45), plane=True, fill=FILL):
     """Six views of a bin whose underside lies `lift` above the plane, on boxes."""
-    under = Scene()
+    under = Scene(plane)
     for center, size in supports:
         under.box(np.array(center), size)
-    above = Scene(plane=False).bin(INNER, WALL, WALL, FILL)
+    above = Scene(plane=False).bin(INNER, WALL, WALL, fill)
     down, views = np.array([0, 0, lift]), []
     for view in under.views(6, tilts=tilts):
         T = geometry.pose(np.eye(3), -down) @ view.T_world_camera
@@ -71,6 +72,25 @@ def test_the_floor_is_where_the_underside_is(supports, lift, settings):
     assert found.container.T_world_container[2, 3] == pytest.approx(lift, abs=0.004)
     assert found.container.inner_size_m[2] == pytest.approx(INNER[2], abs=0.004)
     assert found.stack_volume == pytest.approx(V, rel=0.08)
+
+
+def recessed_views(depth, gap):
+    """Six views of a bin in a recess of a table, so deep and `gap` wider on all sides, metres."""
+    x, y = (side / 2 + WALL + gap for side in INNER[:2])
+    slabs = [((0, s * (y + 0.5), -0.1), (2, 1, 0.2)) for s in (-1, 1)] \
+        + [((s * (x + 0.5), 0, -0.1), (1, 2 * y, 0.2)) for s in (-1, 1)]
+    ground = [((0, 0, -depth - 0.05), (2 * x, 2 * y, 0.1))]
+    return raised_views([*slabs, *ground], -depth, plane=False, fill=0.06)
+
+
+@pytest.mark.parametrize("depth, gap, in_reach", [(0.02, 0.015, True), (0.05, 0.01, False)])
+def test_a_bin_in_a_recess_stands_lower_than_the_table(depth, gap, in_reach):
+    """It is measured where the recess shows whole, and doubted where it is too deep for that."""
+    found = volume(recessed_views(depth, gap), container_kind="box")
+    if in_reach:
+        assert found.container.T_world_container[2, 3] == pytest.approx(-depth, abs=0.004)
+        assert found.stack_volume == pytest.approx(2 * V, rel=0.08)
+    assert ("wall_short" in found.reasons) == (not in_reach)
 
 
 def test_what_labels_call_the_container_is_not_seen_below_it():
@@ -135,4 +155,5 @@ def test_a_box_two_of_whose_sides_end_above_its_underside_is_noticed(kind, lowes
     points = FacePoints(xy, rim - z, np.zeros(len(z), bool))
     top = HeightMap(geometry.pose(np.eye(3), np.array([-0.15, -0.15, 0.0])), 0.002,
                     np.full((150, 150), beside, np.float32))
-    assert reaches_base(top, FittedWall(shape, WALL), points, rim, base) == want
+    region = Region(np.array([-0.15, -0.15, -0.04]), np.array([0.15, 0.15, 0.14]), 0.0, 1e-3)
+    assert reaches_base(top, [], FittedWall(shape, WALL), points, rim, base, region) == want
