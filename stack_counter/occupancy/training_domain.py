@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stack_counter.occupancy.flat_face import has_foreign_face
 from stack_counter.occupancy.maps import PIXELS_PER_LENGTH, StackMaps, surface_features
 from stack_counter.types import Reason
 
@@ -103,6 +104,7 @@ def assess_doubt(maps: StackMaps, parts: float, part_size: float, walled: bool,
         Reason.LARGE_PART: width < SETTINGS.named_width,
         Reason.UNLIKE_TRAINING: distance > SETTINGS.named_distance,
         Reason.ORDERED_LAYERS: lies_in_layers(maps),
+        Reason.FLAT_FACE: has_foreign_face(maps),
     }
     is_doubted = is_shallow or has_few or width < SETTINGS.least_width or distance > 1
     widening = max(distance, SETTINGS.widening if is_doubted else 1.0,

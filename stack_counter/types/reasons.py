@@ -145,6 +145,10 @@ class Reason(StrEnum):
         "ordered_layers", "The stack's top is level over two layers or more, as parts lie that "
         "were laid in rows; gamma was learnt on poured parts: the interval is wider, and a "
         "counted bin of such parts helps (stack-counter part calibrate).", True)
+    FLAT_FACE = (
+        "flat_face", "A flat face takes more of the surface than one of a part can, as that of a "
+        "sheet, a lid, a box or an inlay, and what lies below it is taken for parts; take it "
+        "away and scan again, or teach the container with what stays in it.", True)
     PART_DISAGREES = (
         "part_disagrees", "The estimator contradicts what is known of this part, as with another "
         "part in the container, ordered packing or foreign objects; check the content.", True)
