@@ -74,8 +74,8 @@ def largest_flat_share(maps: StackMaps) -> float:
         on_it = stack & (np.abs(top - plane) < s.tolerance)
         if on_it[row, col] and np.count_nonzero(on_it) > largest:
             _, pieces = cv2.connectedComponents(on_it.astype(np.uint8), connectivity=4)
-            largest = max(largest, np.count_nonzero(pieces == pieces[row, col]))
-    return float(largest / total)
+            largest = max(largest, int(np.count_nonzero(pieces == pieces[row, col])))
+    return largest / total
 
 
 def _fit_planes(top: np.ndarray, stack: np.ndarray) -> np.ndarray:
