@@ -146,8 +146,10 @@ def _add_robustness_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `evaluate robustness`."""
     parser.add_argument("--set", default="train-deep", metavar="SET",
                         help="whose piles are built with, default train-deep")
-    parser.add_argument("--scenes", type=int, default=200, metavar="N", help="number of scans")
+    parser.add_argument("--scenes", type=int, default=240, metavar="N", help="number of scans")
     parser.add_argument("--only", type=int, metavar="NUMBER", help="this scan alone")
+    parser.add_argument("--kind", metavar="KIND", help="of all scans those that are hard in this "
+                                                       "way, as the table names it")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
     Workers.add_arguments(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every scan here")

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from stack_counter.config import CounterConfig
-from stack_counter.errors import StackCounterError, ViewError
+from stack_counter.errors import ConfigError, StackCounterError, ViewError
 from stack_counter.eval.common.figures_file import write_figures
 from stack_counter.eval.common.sets import find_set_folder
 from stack_counter.occupancy import OccupancyEstimator, make_estimator
@@ -84,7 +84,10 @@ class Outcome:
 
 def run(options: argparse.Namespace) -> int:
     """Prints and writes the figures; returns the exit code."""
-    numbers = range(options.scenes) if options.only is None else [options.only]
+    if options.kind not in (None, *HARD_KINDS):
+        raise ConfigError(f"--kind {options.kind}; expected one of: {', '.join(HARD_KINDS)}")
+    numbers = [n for n in range(options.scenes) if options.kind in (None, hard_kind(n))] \
+        if options.only is None else [options.only]
     jobs = [(options.set, options.seed, number) for number in numbers]
     outcomes = list(progress(map_tasks(_count_job, jobs, Workers.of(options)), "counts", "scans",
                              len(jobs)))

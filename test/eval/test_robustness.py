@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from stack_counter.cli import main
 from stack_counter.eval.robustness import Outcome, format_table, judge
 
 
@@ -30,3 +31,9 @@ def test_the_table_counts_each_outcome_by_kind():
     assert lines["raised"] == ["2", "1", "0", "0", "1", "50.0%"]
     assert lines["no bin"] == ["2", "1", "1", "0", "0", "0.0%"]
     assert lines["all"] == ["4", "2", "1", "0", "1", "25.0%"]
+
+
+def test_an_unknown_kind_is_named_with_those_there_are(capsys):
+    assert main(["evaluate", "robustness", "--kind", "raise"]) == 2
+    error = capsys.readouterr().err
+    assert "--kind raise" in error and "raised" in error

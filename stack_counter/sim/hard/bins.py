@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hard because of the bins: side by side, raised, or given with other sizes than they have."""
+"""Hard because of the bins: side by side, raised, sunk, or given with other sizes than theirs."""
 
 from __future__ import annotations
 
@@ -27,6 +27,9 @@ class BinSettings:
         board_height_m: range of what a bin stands on.
         board_margin_m: range by which that reaches beyond the bin.
         rail_width_m: width of rails.
+        sunk_share: range of the share of a bin's height that stands in a recess.
+        sunk_gap_m: range of the gap around it there.
+        table_m: distance to which the table around a recess reaches.
         drafted_rad: least draft of a bin whose size is given as if its walls were vertical.
         wrong_size: factors of a wrong inner side, and of a wrong depth.
     """
@@ -38,6 +41,9 @@ class BinSettings:
     board_height_m: tuple[float, float] = (0.012, 0.06)
     board_margin_m: tuple[float, float] = (0.0, 0.06)
     rail_width_m: float = 0.025
+    sunk_share: tuple[float, float] = (0.1, 0.6)
+    sunk_gap_m: tuple[float, float] = (0.004, 0.02)
+    table_m: float = 1.5
     drafted_rad: float = 0.06
     wrong_size: tuple[float, ...] = (0.7, 0.8, 1.25, 1.4)
 
@@ -111,6 +117,28 @@ def _rails(pile: Scene, height: float, random: np.random.Generator) -> list[Mesh
 
 def _tote(pile: Scene, height: float, random: np.random.Generator) -> list[Mesh]:
     return scene_meshes(placed(pile, np.zeros(3)))
+
+
+def make_sunk(pile: Scene, random: np.random.Generator) -> HardScan:
+    """A bin in a recess of a table: what is level around it is not what it stands on."""
+    size = outer_size(pile)
+    depth = random.uniform(*SETTINGS.sunk_share) * float(size[2])
+    gap = random.uniform(*SETTINGS.sunk_gap_m)
+    sunk = placed(pile, np.array([0, 0, -depth]))
+    low, high = sunk.bounds()
+    poses = arc_poses(low * [1, 1, 0], high, SETTINGS.views, random)
+    views = record_world([*_recess(size[:2] / 2 + gap, depth), *scene_meshes(sunk)], poses, random)
+    return HardScan(f"{1000 * depth:.0f} of {1000 * size[2]:.0f} mm in a recess, gap "
+                    f"{1000 * gap:.0f} mm", views, pile.truth.unit_volume, len(pile.poses))
+
+
+def _recess(half: np.ndarray, depth: float) -> list[Mesh]:
+    """A table at height 0 with a recess of half sides (2,) and a depth, metres."""
+    (x, y), far = half, SETTINGS.table_m
+    below = -depth - 0.01
+    return [block((-far, -far, below), (-x, far, 0)), block((x, -far, below), (far, far, 0)),
+            block((-x, -far, below), (x, -y, 0)), block((-x, y, below), (x, far, 0)),
+            block((-x, -y, below), (x, y, -depth))]
 
 
 def make_given_wrongly(pile: Scene, random: np.random.Generator) -> HardScan:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hard because of what there is: a few large parts, or no bin at all."""
+"""Hard because of what there is: a few large parts, a sheet on the parts, or no bin at all."""
 
 from __future__ import annotations
 
@@ -31,6 +31,9 @@ class ContentSettings:
         depth_parts: range of its depth, in part sizes.
         wall_m: thickness of its walls and floor.
         tries: places that are tried for a part.
+        cover_share: range of the share of a bin's inner side that a sheet covers.
+        cover_m: its thickness.
+        cover_tilt_rad: range of its slope.
         room_m: range of the distance of a room's walls from its middle.
         eye_m, eye_height_m: range of a camera's place there, x and y, and z.
         clutter: least and largest number of things on a table.
@@ -44,6 +47,9 @@ class ContentSettings:
     depth_parts: tuple[float, float] = (0.7, 1.5)
     wall_m: float = 0.003
     tries: int = 200
+    cover_share: tuple[float, float] = (0.3, 0.9)
+    cover_m: float = 0.0005
+    cover_tilt_rad: tuple[float, float] = (-0.1, 0.1)
     room_m: tuple[float, float] = (0.35, 0.6)
     eye_m: tuple[float, float] = (-0.6, -0.05)
     eye_height_m: tuple[float, float] = (0.5, 0.9)
@@ -95,6 +101,22 @@ def _free_place(circles: list[tuple[float, float, float]], reach: float, side: f
         if all(np.hypot(xy[0] - x, xy[1] - y) > reach + r for x, y, r in circles):
             return xy
     return None
+
+
+def make_covered(pile: Scene, random: np.random.Generator) -> HardScan:
+    """A bin with a sheet, as of cardboard or film, that lies on its parts and leans a little."""
+    bin_ = placed(pile, np.zeros(3), random.uniform(0, np.pi))
+    share, tilt = random.uniform(*SETTINGS.cover_share), random.uniform(*SETTINGS.cover_tilt_rad)
+    x, y, _ = pile.container.inner_size_m
+    sheet = trimesh.creation.box([share * x, 0.9 * y, SETTINGS.cover_m])
+    T = geometry.pose(Rotation.from_euler("y", tilt).as_matrix(), np.zeros(3))
+    T[2, 3] = float(np.percentile(bin_.parts_mesh().vertices[:, 2], 99.5)) \
+        + abs(np.sin(tilt)) * share * x / 2
+    sheet.apply_transform(bin_.container.T_world_container @ T)
+    poses = arc_poses(*bin_.bounds(), SETTINGS.views, random)
+    views = record_world([floor(), *scene_meshes(bin_), solid(sheet)], poses, random)
+    return HardScan(f"a sheet over {share * 0.9:.0%} of the parts, {np.degrees(tilt):.0f} degrees",
+                    views, pile.truth.unit_volume, len(pile.poses))
 
 
 def make_no_bin(pile: Scene, random: np.random.Generator) -> HardScan:

@@ -7,9 +7,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from stack_counter.sim.hard.bins import make_given_wrongly, make_neighbours, make_raised
+from stack_counter.sim.hard.bins import (
+    make_given_wrongly,
+    make_neighbours,
+    make_raised,
+    make_sunk,
+)
 from stack_counter.sim.hard.cameras import make_arm_in_view, make_view_short, make_views_swapped
-from stack_counter.sim.hard.contents import make_few_large, make_no_bin
+from stack_counter.sim.hard.contents import make_covered, make_few_large, make_no_bin
 from stack_counter.sim.hard.regions import make_no_plane, make_region_aside
 from stack_counter.sim.hard.scan import HardScan
 from stack_counter.sim.scenes.scene import Scene
@@ -25,6 +30,8 @@ HARD_KINDS: dict[str, Callable[[Scene, np.random.Generator], HardScan]] = {
     "arm in view": make_arm_in_view,
     "few large parts": make_few_large,
     "no bin": make_no_bin,
+    "sunk": make_sunk,
+    "covered": make_covered,
 }
 
 

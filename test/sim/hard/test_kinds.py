@@ -37,7 +37,7 @@ def scans_of(kind, number=3):
 
 
 def test_all_kinds_come_in_turn():
-    assert [hard_kind(n) for n in range(20)] == [*HARD_KINDS] * 2
+    assert [hard_kind(n) for n in range(2 * len(HARD_KINDS))] == [*HARD_KINDS] * 2
 
 
 @pytest.mark.parametrize("number", range(len(HARD_KINDS)))
@@ -113,3 +113,21 @@ def test_the_foreground_hides_the_world_in_its_view_alone():
     views = record_world([floor()], [T, T], np.random.default_rng(0), foreground=[[], screen])
     middles = [float(np.median(view.depth[230:250, 310:330])) for view in views]
     assert middles == pytest.approx([1.0, 0.5], abs=0.01)
+
+
+def test_a_sunk_bin_stands_below_the_table_around_it():
+    for scan in scans_of("sunk"):
+        points = np.concatenate([geometry.world_points(v, 4).reshape(-1, 3) for v in scan.views])
+        beside = np.abs(points[:, 0]) > outer_size(PILE)[0] / 2 + 0.05
+        assert abs(np.nanmedian(points[beside, 2])) < 0.003
+        assert np.nanmin(points[:, 2]) < -0.005
+        assert scan.count == 40
+
+
+def test_a_sheet_covers_parts_that_count_all_the_same():
+    for scan in scans_of("covered"):
+        share = int(re.search(r"over (\d+)%", scan.what)[1]) / 100
+        assert 0.25 < share < 0.85 and scan.count == 40
+        points = np.concatenate([geometry.world_points(v, 4).reshape(-1, 3) for v in scan.views])
+        inside = np.all(np.abs(points[:, :2]) < SIDE, axis=1)  # the sheet lies over the middle
+        assert np.nanmedian(points[inside, 2]) == pytest.approx(2 * SIDE + 0.004, abs=0.004)
