@@ -81,7 +81,7 @@ def test_it_learns_four_samples_by_heart():
     y = torch.cat([torch.log(gamma)[:, None], torch.zeros(4, SHAPE_OUTPUTS)], 1)
     optimizer = torch.optim.Adam(net.parameters(), 5e-3)
     net.train()
-    for _ in range(120):
+    for _ in range(200):
         loss = net.loss(x, y)
         optimizer.zero_grad()
         loss.backward()
@@ -89,7 +89,8 @@ def test_it_learns_four_samples_by_heart():
     net.head.eval()  # without dropout
     with torch.no_grad():
         guess = torch.exp(net(x)[0])
-    assert float((guess - gamma).abs().max()) < 0.1
+    # One guess for all is off by 0.3; processors round differently, and end 0.03 to 0.1 apart.
+    assert float((guess - gamma).abs().max()) < 0.15
 
 
 @pytest.mark.parametrize("knows", [{}, {"knows_form": True}, {"knows_resolution": True}])
