@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,10 +107,12 @@ def find_base(top: HeightMap, views: list[View], wall: FittedWall, points: FaceP
         return 0.0 if abs(base) < s.same_floor or has_thick_floor else base
     min_height = _min_height(region)
     # The wall of a container in a recess goes on below the support plane.
-    recess = _common_height(_recess_by_sector(top, wall.shape, region))
+    xy, beside = _cells_beside(top, wall.shape)
+    lower = np.where(beside < -min_height, beside, np.nan)
+    recess = _common_height(_medians_by_sector(xy, lower, wall.shape))
     if recess is not None and lower_edge < s.min_height:
         return recess
-    ground = _common_height(_ground_by_sector(top, wall.shape))
+    ground = _common_height(_medians_by_sector(xy, beside, wall.shape))
     # The wall's own lower edge contradicts a ground that is another thing's top.
     if ground is not None and ground > min_height and lower_edge > ground - s.min_height:
         return ground
@@ -193,21 +196,6 @@ def _common_height(heights: np.ndarray) -> float | None:
     return height if np.mean(agree) >= s.min_agreeing_share else None
 
 
-def _ground_by_sector(top: HeightMap, shape: WallShape) -> np.ndarray:
-    """(sectors,) height of what lies right beside the wall, metres; NaN where nothing shows."""
-    return _medians_by_sector(*_cells_beside(top, shape), shape)
-
-
-def _recess_by_sector(top: HeightMap, shape: WallShape, region: Region) -> np.ndarray:
-    """(sectors,) height of what lies right beside the wall and below the support plane, metres.
-
-    NaN where nothing shows that lies surely lower than the plane.
-    """
-    xy, heights = _cells_beside(top, shape)
-    lower = np.where(heights < -_min_height(region), heights, np.nan)
-    return _medians_by_sector(xy, lower, shape)
-
-
 def _min_height(region: Region) -> float:
     """Distance from the support plane, metres, of what surely lies above or below it."""
     return max(SETTINGS.min_height, SETTINGS.noise_factor * region.noise)
@@ -223,16 +211,27 @@ def _shows_lower(views: list[View], shape: WallShape, base: float, region: Regio
         region: with the support plane and the depth's noise.
     """
     s = SETTINGS
-    every, lower = np.zeros(s.sectors, int), np.zeros(s.sectors, int)
-    for view in views:
-        points = geometry.world_points(view, s.lower_stride).reshape(-1, 3)
-        points = points[np.isfinite(points[:, 2])]
-        points = points[_is_beside(shape.depth_inside(points[:, :2], np.zeros(len(points))))]
-        is_lower = points[:, 2] - region.plane_z < base - _min_height(region)
-        for found, chosen in ((every, points), (lower, points[is_lower])):
-            found += np.bincount(_sectors(chosen[:, :2], shape), minlength=s.sectors)
+    limit = region.plane_z + base - _min_height(region)
+
+    def clouds() -> Iterator[np.ndarray]:
+        return (geometry.world_points(view, s.lower_stride).reshape(-1, 3) for view in views)
+
+    lower = _count_beside((points[points[:, 2] < limit] for points in clouds()), shape)
+    if np.mean(lower >= s.min_cells) < s.min_share:
+        return False  # as nearly always: the others need not be counted
+    every = _count_beside((points[np.isfinite(points[:, 2])] for points in clouds()), shape)
     shows = (lower >= s.min_cells) & (lower >= s.min_lower_share * every)
     return bool(np.mean(shows) >= s.min_share)
+
+
+def _count_beside(clouds: Iterable[np.ndarray], shape: WallShape) -> np.ndarray:
+    """(sectors,) number of world points right beside a wall, of several times (n, 3), metres."""
+    counts = np.zeros(SETTINGS.sectors, int)
+    for points in clouds:
+        inside = shape.depth_inside(points[:, :2], np.zeros(len(points)))
+        counts += np.bincount(_sectors(points[_is_beside(inside), :2], shape),
+                              minlength=SETTINGS.sectors)
+    return counts
 
 
 def _medians_by_sector(xy: np.ndarray, heights: np.ndarray, shape: WallShape) -> np.ndarray:

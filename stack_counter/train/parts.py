@@ -36,9 +36,9 @@ from stack_counter.occupancy.weights_file import knowing_name
 from stack_counter.parts.gamma_model import FEATURES, GammaModel, Reading, fill_features
 from stack_counter.parts.part_models import PartModels
 from stack_counter.sim import SCENES_PER_RIG
-from stack_counter.train.calibrate import Residual, count_with_members, median_log_error
 from stack_counter.train.data.batches import assign_folds
 from stack_counter.train.data.fused import read_scans
+from stack_counter.train.residuals import Residual, count_with_members, median_log_error
 from stack_counter.types import KnownLevel
 
 _SHARED = 2  # features whose coefficients differ from rig to rig: 1 and the height

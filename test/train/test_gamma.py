@@ -17,6 +17,7 @@ from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.maps import make_maps
 from stack_counter.occupancy.network import GammaPrediction, NetworkEstimator
 from stack_counter.train import calibrate, gamma, member
+from stack_counter.train import residuals as counted
 from stack_counter.train.data.batches import assign_folds
 from stack_counter.train.data.fused import FusedScan
 from stack_counter.train.data.heights import Sample, write_samples
@@ -157,15 +158,15 @@ def test_the_shipped_file_is_made_of_errors_on_families_left_out(tmp_path, monke
     def predict(ensemble, maps, known, resolution):
         seen.extend(ensemble._members)
         return GammaPrediction(0.0, 0.2, np.zeros(3))
-    monkeypatch.setattr(calibrate, "predict_gamma", predict)
+    monkeypatch.setattr(counted, "predict_gamma", predict)
     nets = {0: GammaNet(SMALL), 1: GammaNet(SMALL)}
-    of = calibrate.count_with_members(nets, scans, fold, calibrate.fit_training_domain(scans))
+    of = counted.count_with_members(nets, scans, fold, calibrate.fit_training_domain(scans))
     assert len(of) == 24
     assert all(net is nets[fold[r.scan.sample.family]] for net, r in zip(seen, of))
     assert of[0].log_count_ratio == pytest.approx(np.log(of[0].scan.sample.gamma) - np.log(1.1))
     assert of[0].relative_std == pytest.approx(np.hypot(0.2, 2 / 110))
     unknown = calibrate.TrainingDomain(np.full(6, 99.0), np.eye(6), np.ones(1))
-    doubted = calibrate.count_with_members(nets, scans, fold, unknown)
+    doubted = counted.count_with_members(nets, scans, fold, unknown)
     # As the run time widens it.
     assert all(a.relative_std > 9 * b.relative_std for a, b in zip(doubted, of))
 
@@ -174,13 +175,13 @@ def test_the_correction_is_that_of_the_middle_source():
     """A collection that most scans are of, and that is off by far, does not set it."""
     def residuals(family, count, error):
         scan = FusedScan(replace(sample(0, family), gamma=0.5), 1e-3, 1e-3, 1e-9, True)
-        return [calibrate.Residual(scan, 0.5 * np.exp(-error), error, 0.1)] * count
+        return [counted.Residual(scan, 0.5 * np.exp(-error), error, 0.1)] * count
     own, bricks, odd = (residuals("nut", 20, 0.01), residuals("Bricks/plate", 90, 0.2),
                         residuals("Cups/mug", 12, -0.05))
-    assert calibrate.median_log_error(own + bricks + odd) == pytest.approx(0.01)
-    assert calibrate.median_log_error(own + bricks + residuals("Few/one", 3, -9.0)) \
+    assert counted.median_log_error(own + bricks + odd) == pytest.approx(0.01)
+    assert counted.median_log_error(own + bricks + residuals("Few/one", 3, -9.0)) \
         == pytest.approx((0.01 + 0.2) / 2)
-    assert calibrate.median_log_error(residuals("Few/one", 3, 0.3)) == pytest.approx(0.3)
+    assert counted.median_log_error(residuals("Few/one", 3, 0.3)) == pytest.approx(0.3)
 
 
 def test_members_together_are_as_much_surer_as_their_errors_cancel(monkeypatch):
@@ -195,14 +196,14 @@ def test_members_together_are_as_much_surer_as_their_errors_cancel(monkeypatch):
         own = [0.2 * (-1) ** (i // (1 + nets.index(net))) for net in ensemble._members]
         return GammaPrediction(np.log(0.5) + 0.1 * (-1) ** (i // 4) + np.mean(own), 0.2,
                                np.zeros(3))
-    monkeypatch.setattr(calibrate, "predict_gamma", predict)
+    monkeypatch.setattr(counted, "predict_gamma", predict)
     domain = calibrate.fit_training_domain(scans)
-    narrowing = calibrate.ensemble_narrowing(nets, scans, domain, KnownLevel.VOLUME)
+    narrowing = counted.ensemble_narrowing(nets, scans, domain, KnownLevel.VOLUME)
     # The squares are 0.09 and 0.01 of one, 0.09, 0.01 and twice 0.01 of both; gamma widens some.
     assert narrowing == pytest.approx((0.03 / 0.05) ** 0.5, abs=0.02)
-    assert calibrate.ensemble_narrowing(nets[:1], scans, domain, KnownLevel.VOLUME) == 1
+    assert counted.ensemble_narrowing(nets[:1], scans, domain, KnownLevel.VOLUME) == 1
     with pytest.raises(ConfigError, match="none of 0 scans"):
-        calibrate.ensemble_narrowing(nets, [], domain, KnownLevel.VOLUME)
+        counted.ensemble_narrowing(nets, [], domain, KnownLevel.VOLUME)
 
 
 @pytest.mark.parametrize("knows_form", [False, True])
