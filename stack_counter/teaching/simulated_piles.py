@@ -94,6 +94,11 @@ class Pile:
     above: PileScan | None
     failed_tries: tuple[str, ...] = ()
 
+    @property
+    def rests(self) -> bool:
+        """Whether a try came to rest."""
+        return len(self.failed_tries) < SETTINGS.max_tries
+
     def count_failed_tries(self) -> Counter[str]:
         """Number of the tries before by what was wrong, in a few words."""
         return Counter(why.split(":")[0] for why in self.failed_tries)
@@ -109,6 +114,7 @@ class PileRequest:
         friction: least and most.
         estimator: settings of the gamma estimator.
         keep_last_layer_input: keep what the network's last layers read.
+        scanned: scan the piles too, which takes most of the time.
         seed: seed of everything.
     """
 
@@ -117,6 +123,7 @@ class PileRequest:
     friction: tuple[float, float]
     estimator: CounterConfig
     keep_last_layer_input: bool = False
+    scanned: bool = True
     seed: int = SETTINGS.seed
 
     def load_estimator(self) -> OccupancyEstimator:
@@ -147,7 +154,7 @@ def _refuse_restless(piles: Iterable[Pile]) -> Iterator[Pile]:
     """Gives the piles on as long as most of them come to rest."""
     failed = 0
     for done, pile in enumerate(piles, 1):
-        failed += len(pile.failed_tries) == SETTINGS.max_tries
+        failed += not pile.rests
         if failed >= SETTINGS.max_failed and 2 * failed > done:
             why = ", ".join(f"{n} x {reason}"
                             for reason, n in pile.count_failed_tries().most_common())
@@ -173,6 +180,8 @@ def make_pile(request: PileRequest, index: int) -> Pile:
         except SceneError as error:
             failed_tries.append(str(error))
     else:
+        return Pile(None, None, tuple(failed_tries))
+    if not request.scanned:
         return Pile(None, None, tuple(failed_tries))
     estimator = request.load_estimator()
     arc, above = (_scan_pile(scene, scan, estimator, request.keep_last_layer_input)

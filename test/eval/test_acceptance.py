@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which solids `part add` takes: the figures of known outcomes."""
 
+import json
+from dataclasses import asdict
+
+import numpy as np
 import pytest
 from kits.collections import make_collection
 
+from stack_counter.cli.main import main
 from stack_counter.eval.acceptance import PartCheck, check_part, format_table
 from stack_counter.sim import open_library
 
@@ -27,3 +32,15 @@ def test_the_pieces_of_a_solid_and_one_that_is_none(tmp_path, monkeypatch):
     assert check.taken and check.pieces == 1 and check.failed == 0
     assert check.fullness == pytest.approx(1, abs=1e-3)
     assert check_part([library[0]], 0, piles=0).family == "BrickYard/Brick"
+
+
+def test_solids_that_are_written_are_not_tried_again(tmp_path, capsys):
+    make_collection(tmp_path / "solids.npz")
+    written = PartCheck(0, "written before", 7, 1.5, 0.03, 2.0, 80.0, 8, {"unsettled": 20})
+    (tmp_path / "checks.json").write_text(json.dumps([asdict(written)]))
+    arguments = ["evaluate", "acceptance", "--library", str(tmp_path / "solids.npz"),
+                 "--solids", "1", "--piles", "0", "--json", str(tmp_path / "checks.json")]
+    library = open_library(tmp_path / "solids.npz")
+    first = next(s for s in range(99) if np.random.default_rng(s).permutation(len(library))[0] == 0)
+    assert main([*arguments, "--seed", str(first)]) == 0
+    assert "pieces: median 7" in capsys.readouterr().out
