@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the shipped files are, how weights are read and how files that users keep are written."""
+"""Where the shipped files are, how weights are kept and how files that users keep are written."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, Node
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
 
 from stack_counter.errors import ConfigError, WeightsError
 
@@ -100,6 +101,18 @@ def read_weights(path: Path, file_format: str) -> WeightsFile:
     return WeightsFile(tensors, metadata)
 
 
+def write_weights(path: Path, file_format: str, tensors: Mapping[str, np.ndarray],
+                  metadata: Mapping[str, str]) -> None:
+    """Writes what `read_weights` reads, in one step; readable as any other file is.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    # Not by safetensors' own `save_file`, whose files only their owner can read.
+    contiguous = {name: np.ascontiguousarray(values) for name, values in tensors.items()}
+    _replace_file(path, save(contiguous, metadata={"format": file_format, **metadata}))
+
+
 def read_text(path: Path) -> str:
     """Reads the text of a file that users edit.
 
@@ -120,8 +133,12 @@ def write_atomically(path: Path, text: str) -> None:
     Raises:
         OSError: the file cannot be written.
     """
+    _replace_file(path, text.encode())
+
+
+def _replace_file(path: Path, content: bytes) -> None:
     unfinished = path.with_suffix(".part")
-    unfinished.write_text(text, encoding="utf-8")
+    unfinished.write_bytes(content)
     unfinished.replace(path)
 
 

@@ -5,7 +5,6 @@ import pickle
 
 import numpy as np
 import pytest
-from safetensors.numpy import save_file
 
 from stack_counter.errors import ConfigError, WeightsError
 from stack_counter.files import (
@@ -15,13 +14,14 @@ from stack_counter.files import (
     read_weights,
     shipped_weights,
     write_atomically,
+    write_weights,
 )
 
 FORMAT = "stack_counter test 1"
 
 
 def saved(path, format_name=FORMAT, **tensors):
-    save_file(tensors or {"a": np.arange(3.0)}, path, metadata={"format": format_name, "by": "x"})
+    write_weights(path, format_name, tensors or {"a": np.arange(3.0)}, {"by": "x"})
     return path
 
 
@@ -31,6 +31,15 @@ def test_tensors_and_metadata_come_back(tmp_path):
     assert read.metadata == {"format": FORMAT, "by": "x"}
     assert read.tensors["half"].dtype == np.float16
     assert np.array_equal(read.tensors["half"], half) and read.tensors["n"].tolist() == [7]
+
+
+def test_weights_are_as_readable_as_any_file_and_turned_arrays_are_written_as_they_are(tmp_path):
+    turned = np.arange(6.0).reshape(2, 3).T
+    path = saved(tmp_path / "w.safetensors", turned=turned)
+    (tmp_path / "other").write_text("")
+    assert path.stat().st_mode == (tmp_path / "other").stat().st_mode
+    assert np.array_equal(read_weights(path, FORMAT).tensors["turned"], turned)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["other", "w.safetensors"]
 
 
 def test_what_is_no_such_file_is_refused_with_its_path(tmp_path):

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from safetensors.torch import save_file
 from torch import nn
 
 from stack_counter.errors import WeightsError
+from stack_counter.files import write_weights
 from stack_counter.inference import GRAPH
 from stack_counter.occupancy.ensemble import EnsembleOutput
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
@@ -94,15 +94,14 @@ def save_members(path: Path, members: Sequence[nn.Module], facts: Mapping[str, s
     first = members[0]
     config = {"encoder": "own", **asdict(first.config)} if isinstance(first, GammaNet) \
         else {"encoder": "dinov2"}
-    tensors = {f"{i}.{name}": value.half() if value.is_floating_point() else value
+    tensors = {f"{i}.{name}": (value.half() if value.is_floating_point() else value).cpu().numpy()
                for i, net in enumerate(members) for name, value in net.state_dict().items()
                if _is_stored(net, name)}
-    tensors |= {CALIBRATION + name: torch.from_numpy(np.asarray(values))
-                for name, values in calibration.items()}
+    tensors |= {CALIBRATION + name: np.asarray(values) for name, values in calibration.items()}
     if graph is not None:
-        tensors[GRAPH] = torch.from_numpy(graph.copy())
-    save_file({name: value.contiguous() for name, value in tensors.items()}, path, metadata={
-        "format": FORMAT, "config": json.dumps(config), "members": str(len(members)), **facts})
+        tensors[GRAPH] = graph
+    write_weights(path, FORMAT, tensors, {"config": json.dumps(config),
+                                          "members": str(len(members)), **facts})
 
 
 def load_members(path: Path, encoder_folder: Path | None = None) -> Checkpoint:

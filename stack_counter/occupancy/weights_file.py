@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors.numpy import save_file
 
 from stack_counter.errors import WeightsError
-from stack_counter.files import read_weights
+from stack_counter.files import read_weights, write_weights
 from stack_counter.types import KnownLevel
 
 FORMAT = "stack_counter gamma 1"
@@ -84,8 +83,8 @@ def unlike_its_networks(path: Path, error: Exception) -> WeightsError:
 def save_tuning(path: Path, weight: np.ndarray, bias: float, network_name: str) -> None:
     """Writes a `LastLayerTuning`."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    save_file({"weight": np.ascontiguousarray(weight), "bias": np.array([bias])}, path,
-              metadata={"format": TUNING_FORMAT, "of": network_name})
+    write_weights(path, TUNING_FORMAT, {"weight": weight, "bias": np.array([bias])},
+                  {"of": network_name})
 
 
 def read_tuning(path: Path) -> LastLayerTuning:

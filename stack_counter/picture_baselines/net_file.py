@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
-from safetensors.torch import save_file
 from torch import nn
 
 from stack_counter.errors import WeightsError
-from stack_counter.files import read_weights
+from stack_counter.files import read_weights, write_weights
 
 FORMAT = "stack_counter picture baseline 1"
 Net = TypeVar("Net", bound=nn.Module)
@@ -31,10 +30,10 @@ def save_net(path: Path, baseline: str, net: nn.Module, facts: Mapping[str, str]
         facts: texts for the metadata, such as what it was trained on.
         without: tensors whose names begin so are left out: the user has them; "": none.
     """
-    tensors = {name: value.contiguous() for name, value in net.state_dict().items()
+    tensors = {name: value.cpu().numpy() for name, value in net.state_dict().items()
                if not (without and name.startswith(without))}
-    save_file(tensors, path, metadata={"format": FORMAT, "baseline": baseline,
-                                       "config": json.dumps(asdict(net.config)), **facts})
+    write_weights(path, FORMAT, tensors, {"baseline": baseline,
+                                          "config": json.dumps(asdict(net.config)), **facts})
 
 
 def read_net(path: Path, baseline: str, make: Callable[[dict[str, Any]], Net]) -> Net:

@@ -16,10 +16,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from safetensors.numpy import save_file
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import StackCounterError
+from stack_counter.files import write_weights
 from stack_counter.occupancy.baselines import FORMAT, SETTINGS, normalized_height
 from stack_counter.pipeline import StackCounter
 from stack_counter.sim import Scene, read_shard, record
@@ -151,9 +151,8 @@ def main() -> int:
         "".join(json.dumps(asdict(row)) + "\n" for row in rows))
     found = [row for row in rows if row.found == _FOUND_AS[row.kind]]
     tensors, errors = fit_baselines(found)
-    facts = {"format": FORMAT, "scenes": str(len(found)), **{k: f"{v:.4f}" for k, v in
-                                                             errors.items()}}
-    save_file(tensors, options.out, metadata=facts)
+    facts = {"scenes": str(len(found)), **{k: f"{v:.4f}" for k, v in errors.items()}}
+    write_weights(options.out, FORMAT, tensors, facts)
     print(json.dumps({**facts, **summarize_volume_errors(rows)}, indent=2))
     return 0
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from safetensors.torch import save_file
 from torch import nn
 from torch.nn import functional
 
+from stack_counter.files import write_weights
 from stack_counter.inference import GRAPH
 from stack_counter.occupancy.gamma_net import ResidualBlock
 from stack_counter.occupancy.maps import CHANNELS
@@ -143,9 +143,8 @@ def save_part_net(path: Path, net: PartNet, facts: dict[str, str]) -> None:
         WeightsError: ONNX Runtime gives other values than torch.
     """
     net = net.eval()
-    tensors = {name: value.half().contiguous() for name, value in net.state_dict().items()
+    tensors = {name: value.half().cpu().numpy() for name, value in net.state_dict().items()
                if not name.endswith("num_batches_tracked")}
     graph = export_graph(net, {"maps": (CHANNELS, 5 * STRIDE, 7 * STRIDE)}, STRIDE)
     check_graph(graph, net, {"maps": (CHANNELS, 2 * STRIDE, STRIDE)})  # another size
-    tensors[GRAPH] = torch.from_numpy(graph.copy())
-    save_file(tensors, path, metadata={"format": FORMAT, **facts})
+    write_weights(path, FORMAT, {**tensors, GRAPH: graph}, facts)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from safetensors.torch import save_file
 from torch import nn
 
 from stack_counter.container.wall_network import CHANNELS, FORMAT, SIDE
+from stack_counter.files import write_weights
 from stack_counter.inference import GRAPH
 from stack_counter.train.onnx_export import export_graph
 
@@ -80,8 +80,7 @@ def save_wall_net(path: Path, net: WallNet, facts: dict[str, str]) -> None:
     Raises:
         WeightsError: ONNX Runtime gives other values than torch.
     """
-    tensors = {name: value.half() for name, value in net.state_dict().items()
+    tensors = {name: value.half().cpu().numpy() for name, value in net.state_dict().items()
                if not name.endswith("num_batches_tracked")}
     graph = export_graph(net.eval(), {"crops": (CHANNELS, SIDE, SIDE)})
-    tensors[GRAPH] = torch.from_numpy(graph.copy())
-    save_file(tensors, path, metadata={"format": FORMAT, **facts})
+    write_weights(path, FORMAT, {**tensors, GRAPH: graph}, facts)

@@ -41,6 +41,7 @@ def test_solids_that_are_written_are_not_tried_again(tmp_path, capsys):
     arguments = ["evaluate", "acceptance", "--library", str(tmp_path / "solids.npz"),
                  "--solids", "1", "--piles", "0", "--json", str(tmp_path / "checks.json")]
     library = open_library(tmp_path / "solids.npz")
-    first = next(s for s in range(99) if np.random.default_rng(s).permutation(len(library))[0] == 0)
-    assert main([*arguments, "--seed", str(first)]) == 0
+    seed = next(seed for seed in range(99)
+                if np.random.default_rng(seed).permutation(len(library))[0] == written.number)
+    assert main([*arguments, "--seed", str(seed)]) == 0
     assert "pieces: median 7" in capsys.readouterr().out
