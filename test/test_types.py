@@ -11,7 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stack_counter.types import Container, Reason, StackVolume, ViewTally
+from stack_counter.types import (
+    Container,
+    Intrinsics,
+    Reason,
+    StackVolume,
+    View,
+    ViewTally,
+    spread_views,
+)
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "stack_counter"
@@ -82,3 +90,11 @@ def test_missing_cameras_are_a_reason():
     assert whole.with_missing_cameras([]).reasons == ()
     lacking = whole.with_missing_cameras(["left"])
     assert lacking.missing_cameras == ("left",) and lacking.reasons == (Reason.CAMERA_MISSING,)
+
+
+@pytest.mark.parametrize(("number", "most", "chosen"), [
+    (0, 3, []), (1, 3, [0]), (2, 3, [0, 1]), (7, 3, [0, 3, 6]), (7, 1, [0]), (4, 3, [0, 2, 3])])
+def test_views_are_spread_over_all(number, most, chosen):
+    views = [View(stamp, Intrinsics(1, 1, 1.0, 1.0, 0.0, 0.0), np.eye(4))
+             for stamp in range(number)]
+    assert [view.stamp_ns for view in spread_views(views, most)] == chosen

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import ndimage
 
 from stack_counter import geometry
-from stack_counter.types import BACKGROUND, View, WallShape
+from stack_counter.types import BACKGROUND, View, WallShape, spread_views
 
 
 @dataclass(frozen=True)
@@ -89,9 +89,8 @@ class WallOutlines:
     def of_views(cls, views: Sequence[View], rim: WallShape, height: float, plane_z: float
                  ) -> WallOutlines:
         """Measures the outlines in the views' labels; the others are the attributes."""
-        chosen = np.unique(np.linspace(0, len(views) - 1, SETTINGS.max_views).round().astype(int))
-        return cls(Silhouettes([views[i] for i in chosen]), _points_on_ring(rim, 0.0), height,
-                   plane_z)
+        return cls(Silhouettes(spread_views(views, SETTINGS.max_views)),
+                   _points_on_ring(rim, 0.0), height, plane_z)
 
     def errors(self, shape: WallShape) -> np.ndarray:
         """(m,) metres by which a wall fails: it leaves the rim, foot or waist do not touch.

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from stack_counter import geometry
 from stack_counter.container.silhouettes import WallOutlines
 from stack_counter.fusion.region import Region
-from stack_counter.types import View, WallShape
+from stack_counter.types import View, WallShape, spread_views
 
 Shape = TypeVar("Shape", bound=WallShape)
 
@@ -139,8 +139,8 @@ def find_face_points(views: list[View], region: Region, shape: WallShape, height
         height: of the rim above the support plane, metres.
     """
     s = SETTINGS
-    chosen = np.unique(np.linspace(0, len(views) - 1, s.max_views).round().astype(int))
-    found = [_face_points_in_view(views[i], region, shape, height) for i in chosen]
+    found = [_face_points_in_view(view, region, shape, height)
+             for view in spread_views(views, s.max_views)]
     every = FacePoints(*(np.concatenate([getattr(f, name) for f in found])
                          for name in ("xy", "below", "inner")))
     return every.select(np.arange(0, len(every.inner), len(every.inner) // s.max_points + 1))

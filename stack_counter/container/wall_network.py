@@ -25,7 +25,7 @@ from stack_counter.container.wall_fit import Thickness
 from stack_counter.errors import ViewError
 from stack_counter.files import read_weights, shipped_weights
 from stack_counter.inference import NetworkSession
-from stack_counter.types import View, WallShape
+from stack_counter.types import View, WallShape, spread_views
 
 SHIPPED = "wall.safetensors"
 FORMAT = "stack_counter wall 1"
@@ -81,11 +81,10 @@ def estimate_thickness(views: Sequence[View], shape: WallShape, height: float, p
         plane_z: world height of the support plane, metres.
     """
     # Crop the views around the container.
-    chosen = np.unique(np.linspace(0, len(views) - 1, CROP_SETTINGS.max_views).round().astype(int))
     crops = []
-    for i in chosen:
+    for view in spread_views(views, CROP_SETTINGS.max_views):
         try:
-            crops.append(wall_crop(views[i], shape, height, plane_z))
+            crops.append(wall_crop(view, shape, height, plane_z))
         except ViewError:
             continue  # another view shows it
     if not crops:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.types import Mesh, View
+from stack_counter.types import Mesh, View, spread_views
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,7 @@ def color_mesh(mesh: Mesh, views: list[View]) -> Mesh:
     # Sum the colours of every vertex over the views that show it.
     total = np.zeros((len(mesh.vertices), 3), np.float32)
     views_seeing = np.zeros(len(mesh.vertices), np.float32)
-    for i in np.unique(np.linspace(0, len(views) - 1, SETTINGS.max_views).round().astype(int)):
-        view = views[i]
+    for view in spread_views(views, SETTINGS.max_views):
         assert view.color is not None and view.depth is not None  # for the type checker
         pixels = geometry.project_into(view, mesh.vertices, np.float32)
         off = np.abs(view.depth[pixels.rows, pixels.cols] - pixels.depth)

@@ -113,8 +113,9 @@ class Training:
                                      multi_avg_fn=get_ema_multi_avg_fn(config.averaging))
         self.optimizer = torch.optim.AdamW(self.net.parameters(), config.rate,
                                            weight_decay=config.decay)
-        self.schedule = torch.optim.lr_scheduler.OneCycleLR(
-            self.optimizer, config.rate, config.epochs * steps + 1, pct_start=config.warmup)
+        total = config.epochs * steps + 1
+        self.schedule = torch.optim.lr_scheduler.OneCycleLR(  # of few steps one is a warm-up, too
+            self.optimizer, config.rate, total, pct_start=max(config.warmup, 1.5 / total))
         self.history: list[dict[str, Any]] = []
         self.best: dict[str, torch.Tensor] = {}
         self._config = config

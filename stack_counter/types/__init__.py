@@ -30,6 +30,7 @@ from stack_counter.types.views import (
     KeyView,
     View,
     ViewTally,
+    spread_views,
 )
 from stack_counter.types.visible_parts import PartPose, VisiblePart
 
@@ -64,4 +65,5 @@ __all__ = [
     "ViewTally",
     "VisiblePart",
     "WallShape",
+    "spread_views",
 ]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -103,3 +104,10 @@ class ViewTally:
         """The tally of two stages in a row: what the first passed on, the second received."""
         return ViewTally(self.received, later.used,
                          dict(Counter(self.skipped) + Counter(later.skipped)))
+
+
+def spread_views(views: Sequence[View], most: int) -> list[View]:
+    """At most so many views in their order, spread evenly over all, the first among them."""
+    if not views:
+        return []
+    return [views[i] for i in np.unique(np.linspace(0, len(views) - 1, most).round().astype(int))]
