@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many scans in a row, and every node killed in every state; prints what it measured. `make soak`
+"""Many scans in a row, nodes ended in every state and killed at random; prints what it measured.
 
-    PYTHONPATH=test python test/nodes/soak.py [--scans 200]
+    make soak
+    PYTHONPATH=test python test/nodes/soak.py --scans 10000 --plot memory.png --kills 200
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 from geometry_msgs.msg import TransformStamped
 from kits.harness import LATCHED, Harness
@@ -106,6 +108,15 @@ class Station:
         del self.counts[:-1]
         return count, taken
 
+    def holds_truth(self, count: StackCount) -> bool:
+        """Whether the interval holds the true count."""
+        return count.count_low <= self.true <= count.count_high
+
+    def spin(self, seconds: float) -> None:
+        """Takes messages for a time."""
+        end = time.monotonic() + seconds
+        self.ros.wait(lambda: time.monotonic() > end, "the time to pass")
+
     def memory_mb(self) -> dict[str, float]:
         """Returns the resident memory of each node, MB."""
         pages = {name: int(Path(f"/proc/{p.pid}/statm").read_text().split()[1])
@@ -137,9 +148,10 @@ class Station:
                       "a counter")
 
 
-def repeat_scans(station: Station, scans: int) -> list[str]:
-    """Repeats one scan; returns lines with counts, latency, memory and CPU."""
+def repeat_scans(station: Station, scans: int, plot: Path | None) -> list[str]:
+    """Repeats one scan; returns lines with counts, latency, memory and CPU, and plots memory."""
     answers, latencies, memory, cpu = set(), [], {}, {}
+    curve = {0: station.memory_mb()}
     for i in range(1, scans + 1):
         count, taken = station.count_scan()
         assert not count.error, count.error
@@ -148,7 +160,10 @@ def repeat_scans(station: Station, scans: int) -> list[str]:
         if i in (min(20, scans // 2), scans):
             memory[i], cpu[i] = station.memory_mb(), (station.cpu_s(), time.monotonic())
         if i % 20 == 0:
-            print(f"{i} scans, {station.memory_mb()}", flush=True)
+            curve[i] = station.memory_mb()
+            print(f"{i} scans, {curve[i]}", flush=True)
+    if plot:
+        plot_memory(curve, plot)
     (first, last), busy = memory.values(), list(cpu.values())
     span = busy[1][1] - busy[0][1]
     lines = [f"{scans} scans in a row of {VIEWS} views, 640x480: counts {sorted(answers)} (truth "
@@ -160,6 +175,52 @@ def repeat_scans(station: Station, scans: int) -> list[str]:
               f"{(busy[1][0][name] - busy[0][0][name]) / span:.0%} of a core"
               for name in NODES]
     return lines
+
+
+def plot_memory(curve: dict[int, dict[str, float]], path: Path) -> None:
+    """Draws the memory of each node, MB, over the number of scans."""
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+    figure, axes = pyplot.subplots(figsize=(7, 3.5), layout="constrained")
+    for name in NODES:
+        axes.plot(list(curve), [memory[name] for memory in curve.values()], label=name)
+    total = [sum(memory.values()) for memory in curve.values()]
+    axes.plot(list(curve), total, "k--", label="all three")
+    axes.set(xlabel=f"scans of {VIEWS} views", ylabel="resident memory, MB", ylim=(0, None))
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.savefig(path, dpi=110)
+
+
+def kill_at_random(station: Station, kills: int) -> list[str]:
+    """Kills any node at any time of a scan, so many times, each time with a scan afterwards.
+
+    Whatever count is said meanwhile must hold the truth. Returns a line.
+    """
+    random, said = np.random.default_rng(0), 0
+    for i in range(kills):
+        # Kill a node at some time of a scan.
+        station.counts.clear()
+        station.start_scan()
+        if random.random() < 0.7:
+            station.ros.wait(lambda: station.status["collector"].processed == VIEWS, "all views")
+            station.ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request())
+        station.spin(random.uniform(0, 1.5))
+        name = str(random.choice(NODES))
+        station.signal_node(name, signal.SIGKILL)
+        # Whatever is said of it, and the next scan, must be right.
+        station.spin(0.2)
+        station.restart_node(name)
+        meant = list(station.counts)
+        count, _ = station.count_scan()
+        for message in (*meant, count):
+            assert message.error or station.holds_truth(message), (i, name, message.count)
+        assert not count.error, (i, name, count.error)
+        said += sum(not message.error for message in meant)
+        if i % 20 == 19:
+            print(f"{i + 1} kills", flush=True)
+    return [f"{kills} nodes killed at random: {said} counts before or after it and all {kills} "
+            "of the next scans right"]
 
 
 def end_nodes_in_every_state(station: Station) -> list[str]:
@@ -179,8 +240,8 @@ def end_nodes_in_every_state(station: Station) -> list[str]:
                 taken.append(station.signal_node(name, number))
                 station.restart_node(name)
                 count, _ = station.count_scan()
-                right = not count.error and count.count_low <= station.true <= count.count_high
-                assert right, (name, state, count.error, count.count)
+                assert not count.error, (name, state, count.error)
+                assert station.holds_truth(count), (name, state, count.count)
             lines.append(f"{signal.Signals(number).name:8} {name:14} " + ", ".join(
                 f"{state} {t:.2f} s" for state, t in zip(STATES, taken)) + "; next scan right")
             print(lines[-1], flush=True)
@@ -192,13 +253,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scans", type=int, default=200)
     parser.add_argument("--estimator", default="network")
-    parser.add_argument("--only", choices=("scans", "ends"))
+    parser.add_argument("--plot", type=Path, metavar="PNG", help="memory over the scans")
+    parser.add_argument("--kills", type=int, default=20, metavar="N", help="at random")
+    parser.add_argument("--only", choices=("scans", "ends", "kills"))
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         station = Station(Path(folder), options.estimator)
         try:
-            lines = repeat_scans(station, options.scans) if options.only != "ends" else []
-            lines += end_nodes_in_every_state(station) if options.only != "scans" else []
+            lines = []
+            if options.only in (None, "scans"):
+                lines += repeat_scans(station, options.scans, options.plot)
+            if options.only in (None, "ends"):
+                lines += end_nodes_in_every_state(station)
+            if options.only in (None, "kills"):
+                lines += kill_at_random(station, options.kills)
         finally:
             station.ros.close()
     print("\n".join(lines))
