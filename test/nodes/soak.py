@@ -141,8 +141,13 @@ class Station:
     def restart_node(self, name: str) -> None:
         """Starts a node anew and has the others forget the scan, as a supervisor does."""
         self.processes[name] = self.ros.start(name, **self.settings.get(name, {}))
-        self.ros.call_until_answered(Trigger, f"{SPACE}/reset_reconstruction")
-        self.ros.call_until_answered(Trigger, f"{SPACE}/reset")
+        # Once each, where the server is known: a second request, of a first that is answered
+        # late, would make it forget the next scan.
+        for server, service in (("reconstructor", "reset_reconstruction"), ("collector", "reset")):
+            if server == name:
+                self.ros.call_until_answered(Trigger, f"{SPACE}/{service}")
+            else:
+                self.ros.call(Trigger, f"{SPACE}/{service}", Trigger.Request())
         self.wait_for_collector()
         self.ros.wait(lambda: self.ros.node.count_subscribers(f"{SPACE}/volume") >= 1,
                       "a counter")
