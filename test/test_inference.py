@@ -27,7 +27,7 @@ from stack_counter.train.onnx_export import INPUTS, StackedNets, check_graph, ex
 from stack_counter.types import KnownForm, MeshMeasures
 
 V = 0.012**3
-SMALL = NetConfig((8, 8, 16, 16), (1, 1, 1, 1), 16, scales=2, knows_form=True,
+SMALL = NetConfig((8, 8, 16, 16), (1, 0, 0, 0), 16, scales=2, knows_form=True,
                   knows_resolution=True)
 SHAPE = KnownForm((0.03, 0.02, 0.01), MeshMeasures(0.5, 1e-3, 1, (0.01, 0.008, 0.004)))
 NUMBERS = known_values(SHAPE, V), resolution_values(0.1, True)

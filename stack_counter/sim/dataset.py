@@ -63,17 +63,19 @@ def simulate(out: Path, scenes: int, workers: Workers, seed: int, plan: str = "m
     if shapes:
         keep_library(shapes, out)
     # Make the shards that are missing
-    shards = range(-(-scenes // SCENES_PER_SHARD))
-    sizes = {n: min(SCENES_PER_SHARD, scenes - n * SCENES_PER_SHARD) for n in shards}
-    missing = {n: size for n, size in sizes.items() if not _is_whole(shard_path(out, n), size)}
+    shards = {first // SCENES_PER_SHARD: range(first, min(first + SCENES_PER_SHARD, scenes))
+              for first in range(0, scenes, SCENES_PER_SHARD)}
+    missing = {number: indices for number, indices in shards.items()
+               if not _is_whole(shard_path(out, number), len(indices))}
     failed: list[str] = []
-    with progress_bar("simulate", "scenes", scenes, scenes - sum(missing.values())) as advance, \
+    done = scenes - sum(map(len, missing.values()))
+    with progress_bar("simulate", "scenes", scenes, done) as advance, \
             open(out / LOG_FILE, "a", buffering=1) as log:
         make = partial(_make_shard, out.absolute(), seed, recipe)
-        for (number, size), shard in run_tasks(make, missing.items(), workers):
+        for (number, indices), shard in run_tasks(make, missing.items(), workers):
             try:
                 log.write(json.dumps(shard.result()) + "\n")
-                advance(size)
+                advance(len(indices))
             except Exception as error:  # whatever it was, the rest of the run survives
                 _LOG.error("shard %d: %s: %s", number, type(error).__name__, error)
                 failed.append(str(error))
@@ -98,14 +100,13 @@ def _claim_folder(out: Path, made_from: dict) -> None:
     path.write_text(json.dumps(made_from) + "\n")
 
 
-def _make_shard(out: Path, seed: int, recipe: Recipe, task: tuple[int, int]) -> dict:
-    """Makes one shard, given its number and size, and returns its line of the log."""
-    number, size = task
+def _make_shard(out: Path, seed: int, recipe: Recipe, task: tuple[int, range]) -> dict:
+    """Makes one shard, given its number and scenes, and returns its line of the log."""
+    number, indices = task
     start, failed_tries = time.time(), Counter[str]()
-    first = number * SCENES_PER_SHARD
-    scenes = [make_scene(seed, i, recipe, failed_tries) for i in range(first, first + size)]
+    scenes = [make_scene(seed, i, recipe, failed_tries) for i in indices]
     write_shard(shard_path(out, number), scenes, failed_tries)
-    return {"shard": number, "scenes": size, "parts": sum(len(s.poses) for s in scenes),
+    return {"shard": number, "scenes": len(indices), "parts": sum(len(s.poses) for s in scenes),
             "seconds": round(time.time() - start, 1), "worker": os.getpid(),
             "skipped": dict(failed_tries)}
 

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from kits.command import run
 from kits.result_schema import read_result
-from kits.row_of_bins import RowOfBins
+from kits.row_of_bins import HALF, RowOfBins
 
 from stack_counter.bag.replay import count_bag, measure_bag
 from stack_counter.bag.writer import write_bag
@@ -23,7 +23,7 @@ def row():
 @pytest.fixture(scope="module")
 def recording(row, tmp_path_factory):
     path = tmp_path_factory.mktemp("row") / "bag"
-    write_bag(path, row.views())
+    write_bag(path, row.views(camera=HALF))
     return path
 
 

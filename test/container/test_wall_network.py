@@ -59,8 +59,8 @@ def test_a_container_far_outside_is_out_of_sight(seen):
 def test_it_learns_two_thicknesses_apart():
     random = np.random.default_rng(0)
     side = 32  # the network takes any
-    target = np.log(np.where(np.arange(96) % 2, 0.05, 0.01)).astype(np.float32)
-    crops = random.normal(0, 0.02, (96, CHANNELS, side, side)).astype(np.float32)
+    target = np.log(np.where(np.arange(48) % 2, 0.05, 0.01)).astype(np.float32)
+    crops = random.normal(0, 0.02, (48, CHANNELS, side, side)).astype(np.float32)
     columns = np.arange(side) / side
     for crop, t in zip(crops, target):
         crop[1] += columns < np.exp(t) * 4  # a rim as wide as four walls

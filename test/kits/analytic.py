@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import open3d as o3d
 
@@ -10,6 +12,7 @@ from stack_counter import geometry
 from stack_counter.types import Intrinsics, Mesh, View
 
 CAMERA = Intrinsics(640, 480, 610.0, 610.0, 319.5, 239.5)
+_CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
 class Scene:
@@ -18,28 +21,32 @@ class Scene:
     def __init__(self, plane=True):
         """An empty scene, with the plane or without.
 
-        Every solid is a function of (3,) an origin and (h, w, 3) directions that gives the (h, w)
-        lengths of the rays up to it, infinite where they miss it.
+        Every solid has (n, 3) corners that enclose it, None for the plane, and a function of (3,)
+        an origin and (h, w, 3) directions that gives the (h, w) lengths of the rays up to it,
+        infinite where they miss it.
         """
-        self._solids = [_plane_distance] if plane else []
+        self._solids = [(None, _plane_distance)] if plane else []
 
     def box(self, center, size, yaw=0.0):
         """Adds a box: centre and size in metres, yaw in radians."""
         c, s = np.cos(yaw), np.sin(yaw)
         rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         half = np.array(size) / 2
-        self._solids.append(
-            lambda o, d: _box_distance((o - center) @ rotation, d @ rotation, half))
+        self._solids.append((center + _CUBE * half @ rotation.T, lambda o, d: _box_distance(
+            (o - center) @ rotation, d @ rotation, half)))
         return self
 
     def cylinder(self, x, y, radius, height):
         """Adds an upright cylinder that stands on z = 0."""
-        self._solids.append(lambda o, d: _cylinder_distance(o - [x, y, 0], d, radius, height))
+        half = np.array([radius, radius, height / 2])
+        self._solids.append(([x, y, height / 2] + _CUBE * half, lambda o, d: _cylinder_distance(
+            o - [x, y, 0], d, radius, height)))
         return self
 
     def sphere(self, center, radius):
         """Adds a ball."""
-        self._solids.append(lambda o, d: _sphere_distance(o - np.array(center), d, radius))
+        self._solids.append((center + _CUBE * radius, lambda o, d: _sphere_distance(
+            o - np.array(center), d, radius)))
         return self
 
     def mesh(self, mesh):
@@ -50,7 +57,8 @@ class Scene:
         def distance(origin, directions):
             rays = np.concatenate([np.broadcast_to(origin, directions.shape), directions], -1)
             return scene.cast_rays(rays.astype(np.float32))["t_hit"].numpy().astype(float)
-        self._solids.append(distance)
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        self._solids.append(((low + high) / 2 + _CUBE * (high - low) / 2, distance))
         return self
 
     def filled(self, container, level):
@@ -93,8 +101,12 @@ class Scene:
         """Depth view; `noise` is the standard deviation in metres."""
         rays = geometry.pixel_rays(camera, dtype=np.float64)
         directions = rays @ T_world_camera[:3, :3].T
-        nearest = np.min([distance(T_world_camera[:3, 3], directions)
-                          for distance in self._solids], axis=0)
+        nearest = np.full(directions.shape[:2], np.inf)
+        for corners, distance in self._solids:
+            window = _window(corners, T_world_camera, camera)
+            if nearest[window].size:
+                nearest[window] = np.minimum(nearest[window], distance(
+                    T_world_camera[:3, 3], directions[window]))
         depth = np.where(np.isfinite(nearest), nearest, 0)
         if noise:
             depth = depth + np.random.default_rng(seed).normal(0, noise, depth.shape)
@@ -110,6 +122,21 @@ class Scene:
             T = geometry.look_at(eye, np.array(center, float))
             views.append(self.view(T, stamp_ns=i * 10**9, seed=i, **view_options))
         return views
+
+
+def _window(corners, T_world_camera, camera):
+    """Slices of the rows and columns of an image that all rays lie in which may meet a solid."""
+    everywhere = slice(None), slice(None)
+    if corners is None:
+        return everywhere
+    pixels, z = geometry.project(
+        geometry.apply(geometry.inverse(T_world_camera), corners), camera)
+    if z.min() <= 0:
+        return everywhere
+    size = camera.width, camera.height
+    left, top = np.clip(np.floor(pixels.min(axis=0)), 0, size).astype(int)
+    right, bottom = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, size).astype(int)
+    return slice(top, bottom), slice(left, right)
 
 
 def _outline_at(rings, z):

@@ -20,21 +20,23 @@ from stack_counter.sim.dataset import simulate
 from stack_counter.sim.physics.drop import make_scene
 from stack_counter.sim.physics.recipes import Recipe
 from stack_counter.sim.scenes.scene import SceneError
-from stack_counter.sim.scenes.shards import SCENES_PER_SHARD, shard_path
+from stack_counter.sim.scenes.shards import shard_path
 from stack_counter.sim.shapes import make_shape
 from stack_counter.tasks.workers import Workers
 
 pytest.importorskip("sapien", reason="the physics engine has no wheel for this Python")
 
 LIBRARY = (make_shape(0, "block"), make_shape(9, "block"), make_shape(10, "block"))
-SEED, COUNT = 5, 2 * SCENES_PER_SHARD + 3  # two full shards and one begun
+PER_SHARD = 10
+SEED, COUNT = 5, 2 * PER_SHARD + 5  # two full shards and one begun
 RECIPE = Few(library=LIBRARY)
 
 
 def made(out, scenes=COUNT, workers=1, recipe=RECIPE):
-    """`simulate` with a recipe of small scenes; its processes get it as they get any."""
+    """`simulate` with small shards and a recipe of small scenes; its processes get it as any."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("stack_counter.sim.dataset.Recipe", lambda *_: recipe)
+        patch.setattr("stack_counter.sim.dataset.SCENES_PER_SHARD", PER_SHARD)
         simulate(out, scenes, Workers(workers), SEED)
 
 
@@ -79,15 +81,15 @@ def test_a_run_makes_the_scenes_asked_for_and_logs_them(run):
     scenes = list(read_scenes(run))
     assert [s.index for s in scenes] == list(range(COUNT)) and {s.seed for s in scenes} == {SEED}
     assert {s.shape.seed for s in scenes} == {0, 9, 10}
-    for i in (1, SCENES_PER_SHARD + 2):  # what lies there is what is made here
+    for i in (1, PER_SHARD + 2):  # what lies there is what is made here
         here = make_scene(SEED, i, RECIPE, Counter())
         np.testing.assert_array_equal(scenes[i].poses, here.poses)
         assert scenes[i].truth.stack_volume == here.truth.stack_volume
     lines = [json.loads(line) for line in (run / "simulate.log").read_text().splitlines()]
     assert sorted((x["shard"], x["scenes"]) for x in lines) == [
-        (0, SCENES_PER_SHARD),
-        (1, SCENES_PER_SHARD),
-        (2, 3),
+        (0, PER_SHARD),
+        (1, PER_SHARD),
+        (2, 5),
     ]
     assert sum(x["parts"] for x in lines) == sum(s.truth.count for s in scenes)
     assert not list(run.glob("*.part"))
@@ -113,10 +115,9 @@ def test_two_workers_and_a_killed_one_give_the_same_files(run, tmp_path, caplog)
     assert contents(tmp_path) == contents(run)
 
 
-def test_scenes_of_another_seed_are_not_mixed_in(tmp_path):
-    made(tmp_path, scenes=1)
+def test_scenes_of_another_seed_are_not_mixed_in(run):
     with pytest.raises(SceneError, match="made from .*'seed': 5.*; expected .*'seed': 6"):
-        simulate(tmp_path, 1, Workers(), SEED + 1)
+        simulate(run, 1, Workers(), SEED + 1)
 
 
 @pytest.mark.parametrize("damage, message", [
@@ -163,7 +164,8 @@ def test_the_parts_of_a_library_lie_beside_the_scenes(tmp_path):
              face_offsets=np.cumsum([0, *(len(p.faces) for p in parts)]),
              vertices=np.concatenate([p.vertices for p in parts]).astype(np.float32),
              faces=np.concatenate([p.faces for p in parts]))
-    simulate(tmp_path / "out", 2, Workers(), SEED, "box", tmp_path / "some.npz")
+    small_piles = 25  # a seed
+    simulate(tmp_path / "out", 2, Workers(), small_piles, "box", tmp_path / "some.npz")
     scenes = list(read_scenes(tmp_path / "out"))
     assert {s.shape.family for s in scenes} == {"crate", "brick"}
     for scene in scenes:
