@@ -72,9 +72,9 @@ class Reason(StrEnum):
         "rim lies beyond all of them, so some parts may be missing; move the camera back or aim "
         "it at the middle.", True)
     STEEP_HEAP = (
-        "steep_heap", "What stands on the support plane falls off more steeply than loose parts "
-        "can, as a container that was not found or foreign objects do; configure the container, "
-        "or clear the place.", True)
+        "steep_heap", "What stands on the support plane or above the container's rim falls off "
+        "more steeply than loose parts can, as a container that was not found, an arm or foreign "
+        "objects do; configure the container, or clear the place and the view.", True)
     BELOW_FLOOR = (
         "below_floor", "Much of the surface lies below the floor that the container is said to "
         "have; check its configured size, and what it stands on.", True)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stacks that contradict themselves, made cell by cell."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -52,6 +54,17 @@ def test_a_surface_below_the_floor_is_a_contradiction(depth, is_wrong):
 def test_noise_below_an_empty_floor_is_none():
     noisy = np.random.default_rng(0).normal(0.003, NOISE, (50, 50))
     assert check_geometry(stack_of(noisy, inner=0.003), NOISE, LENGTH**3) == ()
+
+
+@pytest.mark.parametrize("height, side, is_wrong", [
+    (0.0, 0, False), (0.03, 30, False), (0.4, 2, False), (0.2, 12, True), (0.4, 6, True)])
+def test_what_towers_above_the_rim_is_no_loose_part(height, side, is_wrong):
+    """A heap above the rim, a long part that sticks out of it, and an arm over the bin."""
+    heights = np.full((50, 50), 0.07)
+    heights[10:10 + side, 10:10 + side] += height
+    stack = stack_of(heights, inner=0.01)
+    stack = replace(stack, container=replace(stack.container, inner_size_m=(0.1, 0.1, 0.06)))
+    assert (Reason.STEEP_HEAP in check_geometry(stack, NOISE, LENGTH**3)) == is_wrong
 
 
 @pytest.mark.parametrize("share, is_wrong", [(0.15, False), (0.5, True)])
