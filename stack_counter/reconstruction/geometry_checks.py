@@ -30,7 +30,7 @@ class GeometryCheckSettings:
         max_steep: largest share of the strip that may be: at most 0.11 in all.
         above_rim_lengths: height above the rim, part lengths, from which what lies in a container
             is taken to slope by at most 45 degrees from its wall on; chosen.
-        max_above_slope: largest share of V that may stand higher: at most 0.0001 in 25 heaped
+        max_above_slope: largest share of V that may stand higher: at most 0.0001 in 26 heaped
             containers of the training sets, 0.06 and more in seven with a robot's arm over them,
             of which half of the parts or fewer were counted.
         max_noise_lengths: largest standard deviation of a depth point, part lengths: above it the

@@ -106,7 +106,8 @@ def test_pictures_alone_give_the_same_through_the_nodes(tmp_path, capsys):
 def test_each_region_gives_the_same_through_the_nodes(tmp_path, capsys):
     row, nowhere = RowOfBins((True, False), gap=0.12), {"center_m": [5.0, 0.0, 0.1],
                                                         "size_m": [0.2, 0.2, 0.2]}
-    recording, settings = bag(tmp_path, row.views(count=4, camera=HALF)), tmp_path / "settings.yaml"
+    recording = bag(tmp_path, row.views(count=4, camera=HALF))
+    settings = tmp_path / "settings.yaml"
     settings.write_text(yaml.safe_dump({"/stack_counter/reconstructor": {
         "ros__parameters": {"regions": {"away": nowhere, **row.regions(0.05)}}}}))
     results = {}
