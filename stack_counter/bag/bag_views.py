@@ -8,7 +8,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from stack_counter.bag.camera_topics import fit_rig_to_bag, missing_depth_line, topic_notes
+from stack_counter.bag.camera_topics import (
+    fit_rig_to_bag,
+    missing_depth_line,
+    topic_notes,
+    unread_poses_line,
+)
 from stack_counter.bag.formats.recording_file import decoding
 from stack_counter.bag.reader import BagReader
 from stack_counter.bag.time_range import WHOLE_BAG, TimeRange
@@ -47,7 +52,8 @@ class BagViews:
         self.reader = BagReader(path, time_range)
         rig = fit_rig_to_bag(load_rig(collector), self.reader.topics, self.reader.frame_of)
         self._topic_notes = topic_notes(collector, rig, self.reader.topics)
-        self._missing_depth = missing_depth_line(collector, rig, self.reader.topics)
+        self._missing = [missing_depth_line(collector, rig, self.reader.topics),
+                         unread_poses_line(collector, self.reader.topics)]
         self.assembler = RigAssembler(rig, live=False)
         self.reading_s = 0.0
 
@@ -59,7 +65,7 @@ class BagViews:
     @property
     def hints(self) -> list[str]:
         """What may keep the bag from being counted: the notes, and the errors of its images."""
-        return [*self.notes, *filter(None, [self._missing_depth]), *self.assembler.last_errors]
+        return [*self.notes, *filter(None, self._missing), *self.assembler.last_errors]
 
     def __iter__(self) -> Iterator[tuple[str, View]]:
         """Yields the views with their cameras' names, and adds up the time it takes."""

@@ -34,6 +34,9 @@ _IMAGES = ("Image", "CompressedImage")
 _TYPES_OF = {"color_topic": _IMAGES, "camera_info_topic": ("CameraInfo",), "depth_topic": _IMAGES,
              "depth_camera_info_topic": ("CameraInfo",), "labels_topic": ("Image",),
              "pose_topic": ("PoseStamped",), "joint_states_topic": ("JointState",)}
+# Types of messages that hold poses, or what they follow from; all but the first are not read.
+_POSES = ("PoseStamped", "PoseWithCovarianceStamped", "TransformStamped", "Odometry", "PoseArray",
+          "JointState")
 # Gives the camera frame that a topic's images name, empty where it is not known.
 FrameOf = Callable[[str], str]
 
@@ -124,14 +127,28 @@ def _proposal(topics: dict[str, tuple[str, int]]) -> str:
 
 
 def _recorded_transport(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> str:
-    """How a bag's colour images of a camera come: as is set, if they do, or else as they do."""
+    """How a bag's colour images of a camera come: as is set, if they do, or else as most do."""
     recorded = published_transports(config.color_topic, topics.__contains__)
-    return config.color_transport if config.color_transport in recorded else (recorded or [RAW])[0]
+    if config.color_transport in recorded:
+        return config.color_transport
+    by_topic = {transport_topic(config.color_topic, transport): transport
+                for transport in recorded}
+    return by_topic.get(_most_recorded(list(by_topic), topics), RAW)
 
 
 def _recorded_depth(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> str:
     """The topic by which a bag's depth images of a camera come; empty where there are none."""
-    return next((topic for topic in depth_topics(config.depth_topic) if topic in topics), "")
+    return _most_recorded([topic for topic in depth_topics(config.depth_topic)
+                           if topic in topics], topics)
+
+
+def _most_recorded(names: list[str], topics: dict[str, tuple[str, int]]) -> str:
+    """The first of some topics of a bag, if no other has twice as many messages; "" of none.
+
+    A recorder that somebody stops for one of them, or that lacks room, leaves a few of it.
+    """
+    most = max((topics[name][1] for name in names), default=0)
+    return next((name for name in names if 2 * topics[name][1] >= most), "")
 
 
 def fit_rig_to_bag(rig: Rig, topics: dict[str, tuple[str, int]], frame_of: FrameOf = _no_frame
@@ -217,9 +234,27 @@ def missing_depth_line(config: CollectorConfig, rig: Rig, topics: dict[str, tupl
         return ""
     known = {*RigAssembler(rig).color_topics(), rig.cameras[0].config.labels_topic}
     others = {topic: held for topic, held in topics.items()
-              if "Image" in held[0] and topic not in known}
+              if held[0].rpartition("/")[2] in _IMAGES and topic not in known}
+    unread = {topic: held for topic, held in topics.items()
+              if held[0].rpartition("/")[2] in ("PointCloud2", "DisparityImage")}
     return f"no depth on {config.depth_topic}; expected depth aligned to colour: " + (
-        f"set depth_topic if it is one of {_listed(others)}" if others else "record it")
+        f"set depth_topic if it is one of {_listed(others)}" if others else
+        f"record images of depth, no {_listed(unread)} (depth_image_proc and the camera's driver "
+        "make them)" if unread else "record it")
+
+
+def unread_poses_line(config: CollectorConfig, topics: dict[str, tuple[str, int]]) -> str:
+    """Names the poses of a bag without /tf that are not read; "" where there is /tf, or none."""
+    if config.pose_source == "topic" or "/tf" in topics or "/tf_static" in topics:
+        return ""
+    by_type = {name: next((topic for topic, (kind, _) in topics.items()
+                           if kind.rpartition("/")[2] == name), "") for name in _POSES}
+    if topic := by_type["PoseStamped"]:
+        return f"poses on {topic}, no /tf: if they are of the optical frame, set pose_source: " \
+               f"topic and pose_topic: {topic}"
+    others = [f"{topic} ({name})" for name, topic in by_type.items() if topic]
+    return f"no /tf, and {', '.join(others)}; expected poses as /tf or PoseStamped: publish the " \
+           "camera's pose so (robot_state_publisher, tf2_ros) and record it" if others else ""
 
 
 def _types(topics: dict[str, tuple[str, int]]) -> dict[str, str]:

@@ -89,7 +89,9 @@ def replayed_cycles(region: str, entries: list[dict[str, Any]], last: StackCount
 
 def no_count_line(error: str, tally: ViewTally, hints: list[str]) -> str:
     """One line that says why a bag gives no count, with what became of its images."""
-    advice = ["stack-counter doctor BAG says what to change"] if tally.skipped \
+    stood = ["a camera that stands still gives one view: set min_views to 1 for it"] \
+        if 2 * tally.skipped.get("duplicate", 0) > tally.received else []
+    advice = [*stood, "stack-counter doctor BAG says what to change"] if tally.skipped \
         or not tally.received else []
     return "; ".join([error, f"{tally.received} images in the bag, skipped {tally.skipped}",
                       *hints, *advice])

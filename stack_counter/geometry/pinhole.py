@@ -11,10 +11,11 @@ import numpy as np
 from stack_counter.errors import ViewError
 from stack_counter.types import UNSEEN, Intrinsics, View
 
-# Models of `sensor_msgs/CameraInfo`. Drivers call by any of the first names 4, 5, 8 (rational),
-# 12 (thin prism) or 14 coefficients: all that are there count, as in OpenCV.
-_POLYNOMIAL = ("", "none", "plumb_bob", "rational_polynomial", "thin_prism")
-_FISHEYE = ("equidistant", "fisheye")
+# Models of `sensor_msgs/CameraInfo`, and what Kalibr, RealSense's SDK and simulators call them.
+# Drivers call by any of the first names 4, 5, 8 (rational), 12 (thin prism) or 14 coefficients:
+# all that are there count, as in OpenCV.
+_POLYNOMIAL = ("plumb_bob", "rational_polynomial", "thin_prism", "radtan", "brown_conrady")
+_FISHEYE = ("equidistant", "fisheye", "kannala_brandt")
 
 
 def check_intrinsics(intrinsics: Intrinsics) -> None:
@@ -30,13 +31,21 @@ def check_intrinsics(intrinsics: Intrinsics) -> None:
                                           "expected finite numbers, fx and fy above 0: calibrate")
     if k.width <= 0 or k.height <= 0:
         raise ViewError("bad_intrinsics", f"image size {k.width}x{k.height}; expected above 0")
-    if k.distortion_model not in (*_POLYNOMIAL, *_FISHEYE):
-        raise ViewError("bad_intrinsics", f"distortion model '{k.distortion_model}'; expected "
-                                          f"one of {[*_POLYNOMIAL[2:], *_FISHEYE]}: calibrate")
-    most = 4 if k.distortion_model in _FISHEYE else 14
+    model = _spelled(k.distortion_model)
+    # Without coefficients nothing is distorted, whatever a driver calls that.
+    if np.any(k.distortion) and model not in ("", "none", *_POLYNOMIAL, *_FISHEYE):
+        raise ViewError("bad_intrinsics", f"distortion model '{k.distortion_model}' with "
+                                          f"coefficients {list(k.distortion)}; expected one of "
+                                          f"{[*_POLYNOMIAL, *_FISHEYE]}: calibrate")
+    most = 4 if model in _FISHEYE else 14
     if np.any(k.distortion[most:]):
         raise ViewError("bad_intrinsics", f"{len(k.distortion)} coefficients of "
                                           f"'{k.distortion_model}'; expected {most} at most")
+
+
+def _spelled(model: str) -> str:
+    """The name of a distortion model as ROS spells it: `Plumb Bob` is `plumb_bob`."""
+    return model.strip().lower().replace(" ", "_").replace("-", "_")
 
 
 def rectify(view: View) -> View:
@@ -54,7 +63,7 @@ def rectify(view: View) -> View:
     if not np.any(k.distortion):
         return replace(view, intrinsics=pinhole)
     # Where each pixel of the pinhole image lies in the distorted one.
-    is_fisheye = k.distortion_model in _FISHEYE
+    is_fisheye = _spelled(k.distortion_model) in _FISHEYE
     undistort, count = (cv2.fisheye, 4) if is_fisheye else (cv2, 14)
     coefficients = np.array([*k.distortion, *[0.0] * count][:count])
     maps = undistort.initUndistortRectifyMap(k.K, coefficients, np.eye(3), k.K,

@@ -144,7 +144,9 @@ class ViewAssembler:
             raise ViewError("frame_changed", f"image of '{frame}'; expected '{self._frame}' only: "
                                              "two cameras speak on one topic")
         if stamp == self._newest:
-            raise ViewError("duplicate", f"a second image with stamp {stamp} ns")
+            raise ViewError("duplicate", f"a second image with stamp {stamp} ns"
+                            + ("" if stamp else "; expected stamps that grow: have the driver set "
+                               "header.stamp"))
         behind, self._behind = self._behind, -1
         # Two stamps in a row that are far behind mean that the clock was set back.
         if -1 < behind < stamp < self._newest - SETTINGS.clock_jump_ns:

@@ -27,6 +27,7 @@ class TransformBufferSettings:
         kept_ns: samples older than the newest by more than this are forgotten.
         kept_samples: of one frame, at most: one a millisecond for as long, and more.
         frames: with parents, at most; a cell with several robots has some hundred.
+        named_parents: of one frame that has several, at most.
         still_m, still_rad: two samples that differ by no more, in metres and radians, are of a
             joint at rest: ten times the steps of a usual encoder, a fifth of an arm's noise.
     """
@@ -35,6 +36,7 @@ class TransformBufferSettings:
     kept_ns: int = 60 * 10**9
     kept_samples: int = 100_000
     frames: int = 10_000
+    named_parents: int = 5
     still_m: float = 1e-4
     still_rad: float = 1e-4
 
@@ -91,6 +93,7 @@ class TransformBuffer:
         """
         self._max_gap_ns = round(max_gap_s * 1e9)
         self._edges: dict[str, TransformSamples] = {}
+        self._parents: dict[str, set[str]] = {}  # all that a frame has had
 
     def add_transform(self, stamp_ns: int, parent: str, child: str, T_parent_child: np.ndarray,
                       static: bool = False) -> None:
@@ -105,6 +108,8 @@ class TransformBuffer:
                                      f"at most {SETTINGS.frames}: see who publishes /tf")
         if edge is None or edge.parent != parent or edge.static != static or static:
             edge = self._edges[child] = TransformSamples(parent, static)
+            if len(parents := self._parents.setdefault(child, set())) < SETTINGS.named_parents:
+                parents.add(parent)
         edge.add(stamp_ns, T_parent_child)
 
     def is_ready(self, target: str, source: str, stamp_ns: int) -> bool:
@@ -193,10 +198,13 @@ class TransformBuffer:
         before = f"{(stamp_ns - edge.stamps[i - 1]) / 1e6:.1f} ms" if i else "nothing"
         after = f"{(edge.stamps[i] - stamp_ns) / 1e6:.1f} ms" if i < len(edge.stamps) \
             else "nothing"
+        others = sorted(self._parents[name] - {edge.parent})
+        advice = f": it is also published below {others}; let it have one parent" if others \
+            else ": publish what never changes on /tf_static" if len(edge.stamps) == 1 else ""
         return ViewError("no_tf", f"'{name}' in '{edge.parent}' has {before} before and {after} "
                                   f"after the image; expected samples at most "
                                   f"{self._max_gap_ns / 1e6:.0f} ms apart (tf_max_gap_s), or "
-                                  "equal ones")
+                                  f"equal ones{advice}")
 
 
 def is_still(T_a: np.ndarray, T_b: np.ndarray) -> bool:

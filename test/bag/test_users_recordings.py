@@ -24,6 +24,15 @@ from stack_counter.config import CollectorConfig, Config, ReconstructorConfig
 from stack_counter.errors import StackCounterError
 
 DEFAULT = CollectorConfig()
+
+
+def changed(topic, **fields):
+    """What makes a recording in which the messages on a topic have other fields."""
+    return lambda path: write(path, [
+        (stamp, name, kind, replace(message, **fields) if name == topic else message)
+        for stamp, name, kind, message in records(scan())])
+
+
 FORMS = {f"recorded as {name}": lambda path, name=name: users.in_form(path, name)
          for name in ("sqlite3", "mcap by file", "mcap by message")}
 ENCODED = {f"colour as {name}": lambda path, name=name: users.with_color(
@@ -39,6 +48,11 @@ READ = {
         "/camera/depth/image_raw")}), DEFAULT),
     "rectified colour": (lambda path: users.renamed(path, {
         COLOR: "/camera/color/image_rect_color"}, d=np.array([-0.3, 0.1, 0, 0, 0])), DEFAULT),
+    "a lens without coefficients, by any name": (
+        changed(INFO, distortion_model="Pinhole"), DEFAULT),
+    "steps that nobody has set": (changed(DEPTH, step=0), DEFAULT),
+    "depth that says big-endian and is not": (changed(DEPTH, is_bigendian=1), DEFAULT),
+    "one raw image beside all compressed ones": (users.with_few_raw_images, DEFAULT),
     "topics of another wrapper": (lambda path: users.under(path, "/camera"), DEFAULT),
     "a root called world": (lambda path: users.of_world(path, "world"),
                             replace(DEFAULT, world_frame="world")),
@@ -93,13 +107,6 @@ def refusal(path, collector=DEFAULT, reconstructor=None):
         measure_bag(path, Config(collector=collector,
                                  reconstructor=reconstructor or ReconstructorConfig()), 6e-6)
     return str(caught.value)
-
-
-def changed(topic, **fields):
-    """What makes a recording in which the messages on a topic have other fields."""
-    return lambda path: write(path, [
-        (stamp, name, kind, replace(message, **fields) if name == topic else message)
-        for stamp, name, kind, message in records(scan())])
 
 
 def without(*topics):
@@ -161,8 +168,28 @@ REFUSED = {
                            "expected a chain", "set their frame_id"),
     "an empty calibration": (changed(INFO, k=np.zeros(9)), "fx 0.0, fy 0.0",
                              "expected finite numbers", "calibrate"),
-    "a lens of no model": (changed(INFO, distortion_model="fov"), "distortion model 'fov'",
+    "a lens of no model": (changed(INFO, distortion_model="fov", d=np.array([0.9])),
+                           r"distortion model 'fov' with coefficients \[0.9\]",
                            "expected one of", "calibrate"),
+    "depth of 8 bits": (users.jpeg_depth, "jpeg compressed ' of uint8", "one channel of 16 bits",
+                        "record it raw, as PNG"),
+    "colour as video": (users.video, "9 bytes of 'h264' do not decode", "expected a JPEG",
+                        "no video"),
+    "depth as a cloud of points": (users.cloud, f"no depth on {DEPTH}", "expected depth aligned",
+                                   r"record images of depth, no /points \(sensor_msgs/msg/Poi"),
+    "poses by a topic": (lambda path: users.with_poses(path, "/arm/pose"),
+                         "poses on /arm/pose, no /tf", "expected a chain",
+                         "set pose_source: topic and pose_topic: /arm/pose"),
+    "poses by odometry": (lambda path: users.with_poses(path, "/odom", odometry=True),
+                          r"no /tf, and /odom \(Odometry\)", "expected poses as /tf or PoseSt",
+                          "publish the camera's pose so"),
+    "stamps that nobody has set": (
+        lambda path: changed(COLOR, header=header(0))(path), "a second image with stamp 0 ns",
+        "expected stamps that grow", "have the driver set header.stamp"),
+    "a static transform on /tf": (users.static_on_tf, "'camera.*' in 'tool0' has .* before and no",
+                                  "expected samples", "what never changes on /tf_static"),
+    "two parents in turn": (users.two_parents, "'camera.*' has", "expected samples",
+                            r"also published below \['.*'\]; let it have one parent"),
     "the calibration of another size": (changed(INFO, width=640, height=480), "image of 160x120",
                                         "expected 640x480", "set camera_info_topic"),
 }
@@ -190,6 +217,9 @@ def edited(change):
 REFUSED_FOLDERS = {
     "no transforms.json": (lambda path: path.mkdir(), "no transforms.json in", "expected a nerf",
                            "--reference"),
+    "a folder of TUM RGB-D": (lambda path: (path / "groundtruth.txt").mkdir(parents=True),
+                              r"no transforms.json in .*, which looks like TUM RGB-D's \(ground",
+                              "expected a nerf", "write its poses so"),
     "no frames": (edited({"frames": []}), "none of the 0 pictures", "expected some", "file_path"),
     "depth that is not there": (
         lambda path: users.folder(path, depth_file_path="deep/{}.png"),

@@ -113,12 +113,13 @@ PRISM = (*RATIONAL, 0.02, -0.01, -0.03, 0.01)
     ("plumb_bob", RATIONAL),  # as some drivers call it
     ("rational_polynomial", PRISM), ("thin_prism", PRISM),
     ("rational_polynomial", (*PRISM, 0.02, -0.03)),
+    ("radtan", RADIAL), ("Brown Conrady", RADIAL), ("kannala_brandt", (0.05, -0.01, 0.002, 0.0)),
     ("equidistant", (0.05, -0.01, 0.002, 0.0)), ("fisheye", (0.05, -0.01, 0.002, 0.01)),
     ("equidistant", (0.05, -0.01, 0.002, 0.01, 0.0, 0.0, 0.0, 0.0))])
 def test_rectified_pixels_are_where_a_pinhole_sees_them(model, coefficients):
     lens = Intrinsics(640, 480, 500.0, 505.0, 320.0, 240.0, model, coefficients)
     points = np.array([[0.1, 0.05, 1.0], [-0.2, 0.1, 1.2], [0.0, -0.15, 0.9]])
-    is_fisheye = model in ("equidistant", "fisheye")
+    is_fisheye = model in ("equidistant", "fisheye", "kannala_brandt")
     project = cv2.fisheye.projectPoints if is_fisheye else cv2.projectPoints
     seen, _ = project(points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), lens.K,
                       np.array(coefficients[:4 if is_fisheye else 14]))
@@ -148,7 +149,8 @@ def test_crop_keeps_rays():
 
 
 @pytest.mark.parametrize("changes", [{"fx": 0.0}, {"fy": -1.0}, {"cx": float("nan")},
-                                     {"width": 0}, {"distortion_model": "swirl"},
+                                     {"width": 0},
+                                     {"distortion_model": "swirl", "distortion": (0.1,)},
                                      {"distortion_model": "equidistant",
                                       "distortion": (0.1, 0.0, 0.0, 0.0, 0.1)},
                                      {"distortion_model": "thin_prism",

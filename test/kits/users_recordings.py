@@ -14,11 +14,17 @@ from kits.recording_kit import (
     COLOR,
     COMPRESSED,
     DEPTH,
+    FRAME,
     IMAGE,
     INFO,
+    compressed,
+    header,
     image,
+    make,
+    pose_stamped,
     records,
     scan,
+    tf_record,
     write,
 )
 
@@ -80,6 +86,74 @@ def two_views_apart(path, short, by_mm=80):
     depth = views[short].depth
     views[short] = replace(views[short], depth=np.maximum(depth - by_mm / 1000, 0))
     return write(path, records(views))
+
+
+def jpeg_depth(path):
+    """Depth as compressed_image_transport packs it by default: lossy, of 8 bits."""
+    return with_depth(path, lambda mm, stamp: packed(
+        cv2.imencode(".jpg", (mm >> 2).astype(np.uint8))[1].tobytes(),
+        "16UC1; jpeg compressed ", stamp, config=False), COMPRESSED, DEPTH + "/compressed")
+
+
+def video(path):
+    """Colour as a driver's video encoder gives it."""
+    return write(path, [
+        (stamp, f"{name}/compressed", COMPRESSED, packed(b"\0\0\0\1\x67\1\2\3\4", "h264", stamp,
+                                                       config=False))
+        if name == COLOR else (stamp, name, kind, message)
+        for stamp, name, kind, message in records(scan())])
+
+
+def with_few_raw_images(path):
+    """Colour comes compressed, and once raw: somebody looked at it."""
+    few = [record for record in records(scan()) if record[1] == COLOR][2:3]
+    others = [record for record in records(scan()) if record[1] != COLOR]
+    return write(path, [*others, *few, *((view.stamp_ns, f"{COLOR}/compressed", COMPRESSED,
+                                          compressed(view.color, stamp_ns=view.stamp_ns))
+                                         for view in scan())])
+
+
+def cloud(path):
+    """Depth comes as a cloud of points alone."""
+    def points(mm, stamp):
+        field = make("sensor_msgs/msg/PointField", name="z", offset=0, datatype=7, count=1)
+        data = np.frombuffer((mm / 1000).astype(np.float32).tobytes(), np.uint8)
+        return make("sensor_msgs/msg/PointCloud2", header=header(stamp), height=mm.shape[0],
+                    width=mm.shape[1], fields=[field], is_bigendian=False, point_step=4,
+                    row_step=4 * mm.shape[1], data=data, is_dense=False)
+    return with_depth(path, points, "sensor_msgs/msg/PointCloud2", "/points")
+
+
+def with_poses(path, topic, odometry=False):
+    """Poses come by a topic of their own, as PoseStamped or Odometry."""
+    def message(view):
+        posed = pose_stamped(view.stamp_ns, view.T_world_camera)
+        if not odometry:
+            return posed
+        zero = make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
+        twist = make("geometry_msgs/msg/Twist", linear=zero, angular=zero)
+        return make("nav_msgs/msg/Odometry", header=posed.header, child_frame_id=FRAME, pose=make(
+            "geometry_msgs/msg/PoseWithCovariance", pose=posed.pose, covariance=np.zeros(36)),
+            twist=make("geometry_msgs/msg/TwistWithCovariance", twist=twist,
+                       covariance=np.zeros(36)))
+    kind = "nav_msgs/msg/Odometry" if odometry else "geometry_msgs/msg/PoseStamped"
+    return write(path, [*records(scan(), poses=False), *(
+        (view.stamp_ns, topic, kind, message(view)) for view in scan())])
+
+
+def static_on_tf(path):
+    """The arm's tool moves, and the camera on it is published once, on /tf."""
+    arm = [(stamp, topic, kind, replace(message, transforms=[
+        replace(t, child_frame_id="tool0") for t in message.transforms])
+        if topic == "/tf" else message) for stamp, topic, kind, message in records(scan())]
+    return write(path, [*arm, tf_record(1, np.eye(4), parent="tool0")])
+
+
+def two_parents(path):
+    """The hand-eye calibration and the camera's driver name another parent of one frame."""
+    found = [record for record in records(scan()) if record[1] != "/tf" or record[0] % 10**9]
+    return write(path, [*found, *(tf_record(stamp + 1, np.eye(4), parent="camera_link")
+                                  for stamp, topic, *_ in found if topic == "/tf")])
 
 
 def compressed_depth(path):

@@ -26,6 +26,10 @@ _T_CAMERA_OPTICAL = np.diag([1.0, -1, -1, 1])
 # Largest deviation of a rotation's columns from unit vectors across each other; chosen.
 _ROTATION_ERROR = 0.01
 
+# What a folder of another tool or data set holds -> whose it is.
+_OTHERS = {"groundtruth.txt": "TUM RGB-D", "scene_camera.json": "BOP", "sparse": "COLMAP",
+           "keyframes": "Polycam", "intrinsic": "ScanNet", "metadata": "Record3D"}
+
 Frame = dict[str, Any]  # keys of one picture, on top of those of all pictures
 
 
@@ -49,8 +53,11 @@ def read_frames(scene: Path) -> list[Frame]:
         return sorted(frames, key=lambda frame: frame["file_path"])
     except (FileNotFoundError, NotADirectoryError) as error:
         others = sorted(other.name for other in scene.glob("transforms*.json"))
-        raise BagError(f"no transforms.json in {scene}; expected a nerfstudio scene"
+        tool = next((f", which looks like {tool}'s ({name})" for name, tool in _OTHERS.items()
+                     if (scene / name).exists()), "")
+        raise BagError(f"no transforms.json in {scene}{tool}; expected a nerfstudio scene"
                        + (f": rename one of {', '.join(others)}" if others else
+                          ": write its poses so (docs/pictures.md)" if tool else
                           " (or pictures alone, with --reference)")) from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise BagError(f"{path} is malformed at {error}; expected nerfstudio's keys") from error

@@ -31,7 +31,8 @@ def check_stated_size(data: bytes | memoryview, name: str, most: int = MAX_PIXEL
         width, height = -1, -1
     if width < 0 or height < 0:
         raise ViewError("bad_image", f"{len(data)} bytes of '{name}' do not decode; "
-                                     "expected a JPEG or PNG image")
+                                     "expected a JPEG or PNG image each (no video, as H.264: "
+                                     "record raw images or such of image_transport)")
     if not is_camera_size(width, height, most):
         raise ViewError("bad_image", f"{width}x{height} pixels in {len(data)} bytes of '{name}'; "
                                      f"expected 1 to {most} pixels")

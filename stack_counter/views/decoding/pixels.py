@@ -56,10 +56,11 @@ def image_to_array(message: Any) -> np.ndarray:
                                         f"{sorted(LAYOUTS)}")
     dtype, channels = LAYOUTS[message.encoding]
     kind = np.dtype(dtype).newbyteorder(">" if message.is_bigendian else "<")
-    height, width, step = int(message.height), int(message.width), int(message.step)
+    height, width = int(message.height), int(message.width)
     rows = height * 3 // 2 if message.encoding in PLANAR else height
     data = np.frombuffer(message.data, np.uint8)
     row = width * channels * kind.itemsize
+    step = int(message.step) or row  # some publishers leave it at 0 where nothing is padded
     if not (0 < height <= MAX_SIDE_PX and 0 < width <= MAX_SIDE_PX) or step < row \
             or len(data) < rows * step:
         raise ViewError("bad_image", f"{width}x{height} {message.encoding} with step {step} and "

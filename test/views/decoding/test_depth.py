@@ -16,6 +16,16 @@ MILLIMETRES = np.where(RANDOM.random((23, 31)) < 0.3, 0,
 METRES = MILLIMETRES.astype(np.float32) * np.float32(0.001)
 
 
+@pytest.mark.parametrize("stored", [">u2", "<u2"])
+@pytest.mark.parametrize("says_big", [True, False])
+def test_bytes_are_in_the_order_that_is_said_or_that_they_are_in(stored, says_big):
+    smooth = (500 + 3 * np.add.outer(np.arange(40), np.arange(50))).astype(np.uint16)
+    message = kit.image(smooth.astype(stored), "16UC1")
+    message.is_bigendian = int(says_big)
+    right = smooth if says_big or stored == "<u2" else smooth.byteswap()
+    assert np.array_equal(depth_to_metres(message), right * np.float32(0.001))
+
+
 def refused(message, **settings):
     with pytest.raises(ViewError) as caught:
         depth_to_metres(message, **settings)
