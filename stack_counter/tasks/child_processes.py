@@ -13,9 +13,10 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 ENDS_WITH_STDIN = "STACK_COUNTER_ENDS_WITH_STDIN"  # environment variable; set for a child
 
@@ -61,13 +62,43 @@ def _end_after(wait: Callable[[], object]) -> None:
 
 
 @contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """Has SIGINT and SIGTERM come after the block, in the main thread, which gets them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: came.append(number))
+              for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for received in came:
+            signal.raise_signal(received)
+
+
+class _Pool(ProcessPoolExecutor):
+    """A pool each of whose processes is started wholly or not at all.
+
+    A task may start one: where an interrupt cuts that off, the new process reads half of what
+    it needs, and prints where it failed.
+    """
+
+    def submit(self, *arguments: Any, **options: Any) -> Future:
+        with _interrupts_held_back():
+            return super().submit(*arguments, **options)
+
+
+@contextmanager
 def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """Makes a pool of processes that end with this one; an error in the block ends them at once.
 
     They are spawned: forked ones would inherit the threads of whatever was loaded before.
     """
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"),
-                             initializer=end_with_parent) as pool:
+    with _Pool(workers, mp_context=multiprocessing.get_context("spawn"),
+               initializer=end_with_parent) as pool:
         try:
             yield pool
         except BaseException:

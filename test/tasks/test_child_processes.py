@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from multiprocessing import util
 
 import pytest
 from kits.survivors import is_running, wait_for_end
@@ -74,3 +75,19 @@ def test_an_error_ends_the_workers_of_a_pool_at_once():
         pool.submit(signal.pause)
         raise KeyboardInterrupt
     wait_for_end([worker])
+
+
+def test_an_interrupt_while_a_worker_is_started_comes_after_it(monkeypatch, capfd):
+    spawn, started = util.spawnv_passfds, []
+
+    def interrupted_spawn(*arguments):
+        started.append(spawn(*arguments))  # it reads next what its parent has still to write
+        signal.raise_signal(signal.SIGINT)
+        return started[-1]
+
+    monkeypatch.setattr(util, "spawnv_passfds", interrupted_spawn)
+    with pytest.raises(KeyboardInterrupt), worker_pool(1) as pool:
+        pool.submit(os.getpid)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    wait_for_end(started[-1:])
+    assert "Traceback" not in capfd.readouterr().err
