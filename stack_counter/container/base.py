@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,18 +35,8 @@ class BaseSettings:
         min_slice_share: least number of points of a slice that shows the wall, over the typical.
         stride: pixels between the points that are looked for below the container.
         min_under: least distance inside the wall of a point that is seen below it, m.
-        lower_stride: pixels between the points that are looked for right beside the container: a
-            gap beside a deep recess shows little of it.
-        min_lower_share: least share of a direction's points right beside the wall that lie lower
-            than its underside where that stands in a recess.
         min_under_share: least share of the directions that show such points.
         max_draft: steepest overhang, m/m, of a wall whose lower edge shows from above.
-        max_unseen_foot: height above its underside, m, down to which a side of a box must show:
-            all four showed to the underside itself in 25 of 25 training recordings of 12 views,
-            and three at least in 20 of 20 hard ones of 5 or 6 views; on rails, the two that do
-            not stand on them end at their height.
-        min_open_share: least share of what lies right beside a side that must be the ground.
-        min_short_sides: least number of sides that end higher for the whole to be doubted.
     """
 
     sectors: int = 36
@@ -65,13 +54,8 @@ class BaseSettings:
     min_slice_share: float = 0.2
     stride: int = 4
     min_under: float = 0.008
-    lower_stride: int = 2
-    min_lower_share: float = 0.1
     min_under_share: float = 0.15
     max_draft: float = 0.1
-    max_unseen_foot: float = 0.008
-    min_open_share: float = 0.5
-    min_short_sides: int = 2
 
 
 SETTINGS = BaseSettings()
@@ -105,9 +89,9 @@ def find_base(top: HeightMap, views: list[View], wall: FittedWall, points: FaceP
         base = rim_height + worn - depth - (config.container_floor_m or wall.thickness)
         has_thick_floor = lower_edge < base - s.min_height
         return 0.0 if abs(base) < s.same_floor or has_thick_floor else base
-    min_height = _min_height(region)
+    min_height = least_height(region)
     # The wall of a container in a recess goes on below the support plane.
-    xy, beside = _cells_beside(top, wall.shape)
+    xy, beside = cells_beside(top, wall.shape)
     lower = np.where(beside < -min_height, beside, np.nan)
     recess = _common_height(_medians_by_sector(xy, lower, wall.shape))
     if recess is not None and lower_edge < s.min_height:
@@ -120,46 +104,6 @@ def find_base(top: HeightMap, views: list[View], wall: FittedWall, points: FaceP
             and _shows_below(views, wall.shape, rim_height, region):
         return lower_edge
     return 0.0
-
-
-def reaches_base(top: HeightMap, views: list[View], wall: FittedWall, points: FacePoints,
-                 rim_height: float, base: float, region: Region) -> bool:
-    """Whether a wall is seen down to the underside that its container is taken to have.
-
-    No wall is beside which something lower shows, as in a recess. Of a box, only sides beside
-    which the ground shows are looked at: other things hide a wall's foot. Other kinds may lean
-    so far that no camera sees their foot; of what shows no outer face at all, nothing is known.
-
-    Args:
-        top: highest surface, heights above the support plane.
-        views: with depth.
-        wall: fitted.
-        points: of its faces.
-        rim_height: above the support plane, metres.
-        base: height of the underside above the support plane, metres.
-        region: with the support plane and the depth's noise.
-    """
-    if _shows_lower(views, wall.shape, min(base, 0.0), region):
-        return False
-    if wall.shape.kind != "box":
-        return True
-    side = _sides(points.xy, wall.shape)
-    edges = np.array([find_lower_edge(wall.shape, points.select(side == i), rim_height)
-                      for i in range(4)])
-    short = (edges < rim_height) & (edges - max(base, 0.0) >= SETTINGS.max_unseen_foot)
-    # Whether the ground shows beside each side.
-    xy, heights = _cells_beside(top, wall.shape)
-    level, beside = np.abs(heights - base) < SETTINGS.min_height, _sides(xy, wall.shape)
-    open_sides = np.bincount(beside, level, 4) >= SETTINGS.min_open_share \
-        * np.maximum(np.bincount(beside, minlength=4), 1)
-    return bool(np.count_nonzero(short & open_sides) < SETTINGS.min_short_sides)
-
-
-def _sides(xy: np.ndarray, shape: WallShape) -> np.ndarray:
-    """(n,) int, the side of a box, 0 to 3, that is nearest to (n, 2) world points."""
-    normals = shape.outward_normals(xy)
-    turn = np.arctan2(normals[:, 1], normals[:, 0]) - shape.yaw
-    return np.round(turn / (np.pi / 2)).astype(int) % 4
 
 
 def find_lower_edge(shape: WallShape, points: FacePoints, rim_height: float) -> float:
@@ -196,63 +140,30 @@ def _common_height(heights: np.ndarray) -> float | None:
     return height if np.mean(agree) >= s.min_agreeing_share else None
 
 
-def _min_height(region: Region) -> float:
+def least_height(region: Region) -> float:
     """Distance from the support plane, metres, of what surely lies above or below it."""
     return max(SETTINGS.min_height, SETTINGS.noise_factor * region.noise)
-
-
-def _shows_lower(views: list[View], shape: WallShape, base: float, region: Region) -> bool:
-    """Whether the views see what lies lower than a container's underside right beside its wall.
-
-    Args:
-        views: with depth.
-        shape: outer face of the wall, world frame.
-        base: height of the underside, at most that of the support plane, metres above it.
-        region: with the support plane and the depth's noise.
-    """
-    s = SETTINGS
-    limit = region.plane_z + base - _min_height(region)
-
-    def clouds() -> Iterator[np.ndarray]:
-        return (geometry.world_points(view, s.lower_stride).reshape(-1, 3) for view in views)
-
-    lower = _count_beside((points[points[:, 2] < limit] for points in clouds()), shape)
-    if np.mean(lower >= s.min_cells) < s.min_share:
-        return False  # as nearly always: the others need not be counted
-    every = _count_beside((points[np.isfinite(points[:, 2])] for points in clouds()), shape)
-    shows = (lower >= s.min_cells) & (lower >= s.min_lower_share * every)
-    return bool(np.mean(shows) >= s.min_share)
-
-
-def _count_beside(clouds: Iterable[np.ndarray], shape: WallShape) -> np.ndarray:
-    """(sectors,) number of world points right beside a wall, of several times (n, 3), metres."""
-    counts = np.zeros(SETTINGS.sectors, int)
-    for points in clouds:
-        inside = shape.depth_inside(points[:, :2], np.zeros(len(points)))
-        counts += np.bincount(_sectors(points[_is_beside(inside), :2], shape),
-                              minlength=SETTINGS.sectors)
-    return counts
 
 
 def _medians_by_sector(xy: np.ndarray, heights: np.ndarray, shape: WallShape) -> np.ndarray:
     """(sectors,) medians of (n,) heights at places (n, 2), metres; NaN for too few finite ones."""
     s, known = SETTINGS, np.isfinite(heights)
-    heights, sector = heights[known], _sectors(xy[known], shape)
+    heights, sector = heights[known], sectors(xy[known], shape)
     medians = np.full(s.sectors, np.nan)
     for i in np.nonzero(np.bincount(sector, minlength=s.sectors) >= s.min_cells)[0]:
         medians[i] = np.median(heights[sector == i])
     return medians
 
 
-def _cells_beside(top: HeightMap, shape: WallShape) -> tuple[np.ndarray, np.ndarray]:
+def cells_beside(top: HeightMap, shape: WallShape) -> tuple[np.ndarray, np.ndarray]:
     """(n, 2) world places of the cells right beside the wall, and their (n,) heights, metres."""
-    beside = _is_beside(map_depth_inside(top, shape))
+    beside = is_beside(map_depth_inside(top, shape))
     rows, cols = np.divmod(np.nonzero(beside)[0], top.heights.shape[1])
     cells = np.stack([cols + 0.5, rows + 0.5, np.zeros(len(rows))], axis=1) * top.pitch
     return geometry.apply(top.T_world_map, cells)[:, :2], top.heights.ravel()[beside]
 
 
-def _is_beside(inside: np.ndarray) -> np.ndarray:
+def is_beside(inside: np.ndarray) -> np.ndarray:
     """(n,) bool of distances (n,) inside an outline, metres: those right outside of it."""
     return (inside < -SETTINGS.strip_start) & (inside > -SETTINGS.strip_end)
 
@@ -279,11 +190,11 @@ def _shows_below(views: list[View], shape: WallShape, rim_height: float, region:
         run = np.maximum(np.linalg.norm(ray, axis=1), 1e-6)
         fall = (view.T_world_camera[2, 3] - points[:, 2]) / run
         under &= z + fall * inside < rim_height / 2
-        found += np.bincount(_sectors(points[under, :2], shape), minlength=s.sectors)
+        found += np.bincount(sectors(points[under, :2], shape), minlength=s.sectors)
     return bool(np.count_nonzero(found >= s.min_cells) >= s.min_under_share * s.sectors)
 
 
-def _sectors(xy: np.ndarray, shape: WallShape) -> np.ndarray:
+def sectors(xy: np.ndarray, shape: WallShape) -> np.ndarray:
     """(n,) int, the direction from the wall's middle in which (n, 2) world points lie."""
     offsets = xy - shape.center
     turn = np.arctan2(offsets[:, 1], offsets[:, 0]) / (2 * np.pi) % 1

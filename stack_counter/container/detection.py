@@ -9,7 +9,7 @@ import numpy as np
 
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
-from stack_counter.container.base import find_base, reaches_base
+from stack_counter.container.base import find_base
 from stack_counter.container.construction import (
     has_given_size,
     has_plausible_floor,
@@ -31,6 +31,7 @@ from stack_counter.container.wall_fit import (
     find_face_points,
     fit_wall,
 )
+from stack_counter.container.wall_foot import reaches_base
 from stack_counter.container.wall_thickness import expected_thickness
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region, seen_from_one_side
@@ -51,7 +52,9 @@ class DetectionSettings:
         min_rim_height: least height of a rim above the support plane, m.
         min_rim: least share of the rim.
         min_face: least share of the wall's face.
-        min_drop: least share of the rim in which the surface falls on its inner side.
+        min_drop: least share of the rim in which the surface falls on its inner side: at least
+            0.09 in 110 containers of the training sets, 60 of them full to the rim, and 0.05
+            around a full rack, 0.01 around a ball, whose far side looks like an inner face.
         weak_rim: least share of a rectangular or round rim whose wall makes up for the rest.
         weak_sum: least sum of its share and its wall's.
         one_side_rim: least share of the rim where all views come from one side.
@@ -70,7 +73,7 @@ class DetectionSettings:
     min_rim_height: float = 0.006
     min_rim: float = 0.75
     min_face: float = 0.8
-    min_drop: float = 0.1
+    min_drop: float = 0.08
     weak_rim: float = 0.6
     weak_sum: float = 1.6
     one_side_rim: float = 0.45
@@ -245,15 +248,14 @@ def _is_container(found: _Candidate, region: Region, labelled: bool) -> bool:
     s, rim, wall = SETTINGS, found.rim, found.wall
     smooth = wall.spread < s.max_spread + s.noise_spread * region.noise
     steep = wall.best_face_share >= s.min_face
-    hollow = rim.inner_drop_share >= s.min_drop or wall.inner_share >= s.min_face
+    hollow = rim.inner_drop_share >= s.min_drop
     if rim.outline.kind == "free":  # such an outline bends to many a heap
         return rim.outline_share >= s.min_rim and (labelled or steep and smooth) and hollow
     # A rectangle or a circle fits to no heap: much of a rim makes up for little of a wall.
     if rim.outline_share >= s.min_rim and (labelled or steep) and hollow:
         return True
     return rim.outline_share >= s.weak_rim \
-        and rim.outline_share + wall.best_face_share >= s.weak_sum \
-        and (hollow or wall.inner_share >= s.weak_rim)
+        and rim.outline_share + wall.best_face_share >= s.weak_sum and hollow
 
 
 def _is_container_from_one_side(found: _Candidate) -> bool:

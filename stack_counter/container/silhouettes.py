@@ -42,9 +42,11 @@ class Silhouettes:
 
     def __init__(self, views: Sequence[View]):
         """Measures how far inside its outline every pixel of each view lies."""
-        labelled = [view for view in views if view.labels is not None]
-        maps = [_signed_distances(view.labels != BACKGROUND) for view in labelled
-                if view.labels is not None]  # for the type checker
+        labelled, maps = [], []
+        for view in views:
+            if view.labels is not None:
+                labelled.append(view)
+                maps.append(_signed_distances(view.labels != BACKGROUND))
         # Maps of any sizes lie one behind the other: one look-up serves all views.
         self._inside = np.concatenate([np.zeros(0), *map(np.ravel, maps)])
         sizes = np.array([inside.shape for inside in maps], int).reshape(-1, 2)  # (v, 2)

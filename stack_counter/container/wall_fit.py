@@ -43,8 +43,8 @@ class WallFitSettings:
         min_foot_share: least width of the foot, over that of the rim: containers stand, so below
             what is seen a wall does not close to a point.
         foot_share_std: standard deviation of that bound.
-        outline_steps: largest number of steps of an outline's fit; one that needs more does not
-            fit.
+        max_steps: largest number of steps of a fit, which takes 4 to 13; one that needs more does
+            not fit.
         outline_prior_weight: weight of an outline's first guess, over that of one standard
             deviation; only for parameters that the rim does not determine, e.g. the draft.
         depth_shares: shares of the height that are fitted, one for each round.
@@ -66,7 +66,7 @@ class WallFitSettings:
     cell_std: float = 0.001
     min_foot_share: float = 0.35
     foot_share_std: float = 0.02
-    outline_steps: int = 60
+    max_steps: int = 60
     outline_prior_weight: float = 0.01
     depth_shares: tuple[float, ...] = (0.15, 0.3, 0.5, 0.75, 1.0, 1.0)
     outline_std: float = 0.001
@@ -185,7 +185,7 @@ def fit_outline(shape: Shape, xy: np.ndarray, scale: float) -> Shape:
                          s.outline_prior_weight * (params - shape.params) / shape.prior_std)
     return shape.with_params(least_squares(
         residuals, shape.params, loss="soft_l1", x_scale=shape.prior_std,
-        max_nfev=s.outline_steps).x)
+        max_nfev=s.max_steps).x)
 
 
 def fit_wall(shape: WallShape, points: FacePoints, height: float, thickness: Thickness,
@@ -275,7 +275,8 @@ def _refine_fit(wall: FittedWall, points: FacePoints, first: WallShape, thicknes
                                [] if outlines is None else s.outline_weight * _soft_l1(
                                    outlines.errors(moved.shape) / s.outline_std),
                                [min(foot_share - s.min_foot_share, 0.0) / s.foot_share_std]])
-    best = least_squares(residuals, np.append(wall.shape.params, wall.thickness), x_scale=std).x
+    best = least_squares(residuals, np.append(wall.shape.params, wall.thickness), x_scale=std,
+                         max_nfev=s.max_steps).x
     return FittedWall(first.with_params(best[:-1]), max(float(best[-1]), 0.0))
 
 

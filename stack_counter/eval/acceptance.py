@@ -5,7 +5,7 @@
 
 A part is taken if it makes piles, and no more than 25 tries are thrown away for eight of them.
 The piles are poured, not scanned, as that takes most of the time. `--json OUT` is written after
-each solid; where it exists, its solids are not tried again.
+each solid; where it exists, its solids are not tried again, if as many piles were asked for.
 """
 
 from __future__ import annotations
@@ -49,6 +49,7 @@ class PartCheck:
 
     Attributes:
         number, family: place in the library, and family.
+        asked: number of piles asked for.
         pieces: number of convex pieces; 0 where there are none.
         fullness, protrusion: form of the pieces, as `sim.PieceForm` has it.
         pieces_s, piles_s: seconds of the decomposition and of all piles.
@@ -59,6 +60,7 @@ class PartCheck:
 
     number: int
     family: str
+    asked: int
     pieces: int = 0
     fullness: float = 1.0
     protrusion: float = 0.0
@@ -83,7 +85,8 @@ def run(options: argparse.Namespace) -> int:
     """Prints and writes the figures; returns the exit code."""
     library = open_library(options.library)
     order = np.random.default_rng(options.seed).permutation(len(library))[:options.solids]
-    checks = [check for check in _read_checks(options.json) if check.number in order]
+    checks = [check for check in _read_checks(options.json)
+              if check.number in order and check.asked == options.piles]
     done = {check.number for check in checks}
     left = [int(number) for number in order if number not in done]
     jobs = map_tasks(partial(check_part, library, piles=options.piles), left, Workers.of(options))
@@ -119,8 +122,8 @@ def check_part(library: list[Shape], number: int, piles: int) -> PartCheck:
         request = make_pile_request(shape.vertices, shape.faces, Config())
         done = simulate_part_piles(replace(request, scanned=False), piles, 1, lambda: None)
     except StackCounterError as error:
-        return PartCheck(number, family, **made, refused=str(error))
-    return PartCheck(number, family, **made, piles_s=time.monotonic() - cut,
+        return PartCheck(number, family, piles, **made, refused=str(error))
+    return PartCheck(number, family, piles, **made, piles_s=time.monotonic() - cut,
                      piles=sum(pile.rests for pile in done),
                      failed_tries=_count_failed_tries(done))
 

@@ -29,7 +29,9 @@ class SupportSettings:
         join_cells: gaps, cells, over which a wall, or a plane, goes on.
         min_open_area: least area of the plane in sight that nothing encloses, m2.
         lower: depth below a plane of what surely lies below it, m.
-        noise_factor: both of these heights in standard deviations of a point at least.
+        noise_factor: both of these heights in standard deviations of a point around its cell's
+            mean at least.
+        noise_cell_points: points of the cell that holds the median point, for the noise in cells.
         max_lower_share: largest share of a plane in which something lower shows through it.
     """
 
@@ -46,6 +48,7 @@ class SupportSettings:
     min_open_area: float = 0.0015
     lower: float = 0.008
     noise_factor: float = 4.0
+    noise_cell_points: int = 8
     max_lower_share: float = 0.05
 
 
@@ -99,7 +102,7 @@ def find_support_plane(points: np.ndarray, given_height: float = np.nan,
     near = points[np.abs(points[:, 2] - mode) < s.plane_reach, 2]
     height = float(np.median(near))
     noise = _robust_std(near - height)
-    return SupportPlane(height, noise, _is_support(points, height, noise))
+    return SupportPlane(height, noise, _is_support(points, height))
 
 
 def _plane_votes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -128,7 +131,7 @@ def _plane_of_region(points: np.ndarray, lowest: float) -> float:
     return float(in_range.min() if len(in_range) else peaks.max())
 
 
-def _is_support(points: np.ndarray, height: float, noise: float) -> bool:
+def _is_support(points: np.ndarray, height: float) -> bool:
     """Whether a plane is what things stand on, not the level tops of parts or a bin's floor.
 
     A support shows outside of what stands on it, and nothing shows through it.
@@ -136,9 +139,9 @@ def _is_support(points: np.ndarray, height: float, noise: float) -> bool:
     Args:
         points: (n, 3) world points, metres.
         height: of the plane, world z, metres.
-        noise: standard deviation of single points around it, metres.
     """
     s = SETTINGS
+    noise = _noise_within_cells(points[np.abs(points[:, 2] - height) < s.plane_reach])
     lower_by = max(s.lower, s.noise_factor * noise)
     # Map what stands on the plane, what is level with it, and what lies below it.
     cells = np.floor(points[:, :2] / s.cell).astype(np.int64)
@@ -161,6 +164,24 @@ def _is_support(points: np.ndarray, height: float, noise: float) -> bool:
     enclosed = ndimage.binary_fill_holes(ndimage.binary_closing(standing,
                                                                 iterations=s.join_cells))
     return bool(np.count_nonzero(level & ~enclosed) * s.cell**2 >= s.min_open_area)
+
+
+def _noise_within_cells(points: np.ndarray) -> float:
+    """Standard deviation of (n, 3) points' heights around the mean of their cell, metres.
+
+    Waves that are wider than a cell, as of round parts, are no noise. Cells are as small as they
+    can be to hold some points each.
+    """
+    side = SETTINGS.cell
+    while True:
+        xy = np.floor(points[:, :2] / side).astype(np.int64)
+        _, cell = np.unique(xy[:, 0] * (np.ptp(xy[:, 1]) + 1) + xy[:, 1], return_inverse=True)
+        count = np.bincount(cell)
+        if np.median(count[cell]) >= SETTINGS.noise_cell_points or len(count) == 1:
+            break
+        side *= 2
+    mean = np.bincount(cell, points[:, 2]) / count
+    return _robust_std(points[:, 2] - mean[cell])
 
 
 def _robust_std(residuals: np.ndarray) -> float:

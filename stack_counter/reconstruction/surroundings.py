@@ -12,7 +12,7 @@ from stack_counter.container.openings import FoundPlace, several_containers
 from stack_counter.container.rim import Rim, find_rim
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region, find_blobs
-from stack_counter.types import HeightMap, View
+from stack_counter.types import Container, HeightMap, View
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,9 @@ class SurroundingsSettings:
         max_things: largest number of things beside the region that are looked at.
         min_rim_share: least share of its outline on which a container's rim must show.
         large_share: least footprint and height, over the first one's, of one as large.
+        beside_m: distance from a container's rim up to which its wall and handles reach, m.
+        beside_height_share: least height, over the container's, of one as large within the same
+            region: what the container stands on is in there, too.
         height_percentile: percentile of a thing's points that is its height.
     """
 
@@ -35,6 +38,8 @@ class SurroundingsSettings:
     max_things: int = 12
     min_rim_share: float = 0.85
     large_share: float = 0.4
+    beside_m: float = 0.025
+    beside_height_share: float = 0.8
     height_percentile: float = 95.0
 
 
@@ -48,10 +53,31 @@ class Surroundings:
     Attributes:
         refusal: of a scan of several containers, with their places; None for one or none.
         is_crowded: something about as large stands beside it, whatever that is.
+        standing: (n, 3) points of it, and of what is near it, world, metres; None: not looked at.
     """
 
     refusal: ScanError | None = None
     is_crowded: bool = False
+    standing: np.ndarray | None = None
+
+    def are_crowded_around(self, container: Container, region: Region) -> bool:
+        """Whether something about as large as the container found stands beside it.
+
+        Args:
+            container: in the region.
+            region: with the height of the support plane.
+        """
+        if self.is_crowded or self.standing is None or container.rings is None:
+            return self.is_crowded
+        # Distance of every point from the container's middle, over that of the rim there.
+        rim = geometry.apply(container.T_world_container, container.rings[-1])[:, :2]
+        middle = rim.mean(axis=0)
+        around, radius = _polar(rim - middle)
+        angle, distance = _polar(self.standing[:, :2] - middle)
+        beside = distance > np.interp(angle, around, radius, period=2 * np.pi) \
+            + SETTINGS.beside_m
+        return _is_as_large(self.standing[beside], self.standing[~beside], region,
+                            SETTINGS.beside_height_share)
 
 
 def inspect_surroundings(views: list[View], region: Region) -> Surroundings:
@@ -68,19 +94,24 @@ def inspect_surroundings(views: list[View], region: Region) -> Surroundings:
     points = points[points[:, 2] > region.plane_z + region.noise_height]
     inside = region.contains(points)
     own, others = points[inside], find_blobs(points[~inside])[:SETTINGS.max_things]
-    is_crowded = any(_is_as_large(other, own, region) for other in others)
+    is_crowded = any(_is_as_large(other, own, region, SETTINGS.large_share) for other in others)
     # Look for a rim in each.
     rims = [rim for rim in (_find_coarse_rim(thing, region) for thing in (own, *others))
             if rim is not None]
     if len(rims) < 2:
-        return Surroundings(None, is_crowded)
+        return Surroundings(None, is_crowded, own)
     outlines = [rim.outline.ring(0.0, 0.0) for rim in rims]
     return Surroundings(several_containers(
         [FoundPlace(outline.min(axis=0), outline.max(axis=0), rim.height)
          for outline, rim in zip(outlines, rims)], region), is_crowded)
 
 
-def _is_as_large(other: np.ndarray, own: np.ndarray, region: Region) -> bool:
+def _polar(xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angles (n,), rad, and distances (n,), metres, of (n, 2) points."""
+    return np.arctan2(xy[:, 1], xy[:, 0]), np.linalg.norm(xy, axis=1)
+
+
+def _is_as_large(other: np.ndarray, own: np.ndarray, region: Region, height_share: float) -> bool:
     """Whether (n, 3) points show a thing about as wide and as high as (m, 3) others do."""
     s = SETTINGS
     if min(len(other), len(own)) < s.min_points:
@@ -89,7 +120,7 @@ def _is_as_large(other: np.ndarray, own: np.ndarray, region: Region) -> bool:
                       for points in (other, own))
     height, own_height = (np.percentile(points[:, 2], s.height_percentile) - region.plane_z
                           for points in (other, own))
-    return bool(area >= s.large_share * own_area and height >= s.large_share * own_height)
+    return bool(area >= s.large_share * own_area and height >= height_share * own_height)
 
 
 def _find_coarse_rim(points: np.ndarray, region: Region) -> Rim | None:

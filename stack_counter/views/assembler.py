@@ -144,7 +144,7 @@ class ViewAssembler:
             raise ViewError("frame_changed", f"image of '{frame}'; expected '{self._frame}' only: "
                                              "two cameras speak on one topic")
         if stamp == self._newest:
-            raise ViewError("duplicate", f"a second image with stamp {stamp} ns"
+            raise ViewError("same_stamp", f"a second image with stamp {stamp} ns"
                             + ("" if stamp else "; expected stamps that grow: have the driver set "
                                "header.stamp"))
         behind, self._behind = self._behind, -1

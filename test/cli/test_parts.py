@@ -124,10 +124,11 @@ def test_a_part_from_its_mesh(tmp_path, capsys, monkeypatch):
         "/stack_counter/counter": {"ros__parameters": {"part_catalogue": str(
             tmp_path / "parts.yaml")}}}
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(rig))
-    monkeypatch.setattr("stack_counter.cli.part_commands._LEAST_PILES", 10)
-    monkeypatch.setattr(model_fit, "SETTINGS", replace(model_fit.SETTINGS, min_piles=8))
+    monkeypatch.setattr("stack_counter.cli.part_commands._LEAST_PILES", 6)
+    monkeypatch.setattr(model_fit, "SETTINGS", replace(model_fit.SETTINGS, min_piles=5))
     code, text, _ = part(capsys, "add", "block", "--mesh", tmp_path / "block.stl", "--config",
-                         tmp_path / "rig.yaml", "--piles", "10", "--density", "1.2")
+                         tmp_path / "rig.yaml", "--piles", "6", "--workers", "1",
+                         "--density", "1.2")
     assert code == 0 and "v 12 cm3" in text and "bin of 130 x 100 x 60 mm" in text
     block = load_parts(tmp_path / "parts.yaml")["block"]
     assert block.unit_volume == pytest.approx(12e-6) and block.density == 1200
@@ -136,7 +137,7 @@ def test_a_part_from_its_mesh(tmp_path, capsys, monkeypatch):
     assert 0.45 < gamma < 0.75 and std / gamma < 0.2
     assert (tmp_path / "parts" / "block.stl").is_file()
     code, text, _ = part(capsys, "list", "--catalogue", tmp_path / "parts.yaml")
-    assert "10 simulated piles" in text
+    assert "6 simulated piles" in text
     shutil.rmtree(tmp_path / "parts")
     (tmp_path / "parts.yaml").touch()  # a process that has read both keeps them until then
     code, _, error = run(capsys, "replay", "x", "--part", "block", "--catalogue",

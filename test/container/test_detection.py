@@ -75,6 +75,12 @@ def test_a_kind_that_is_not_there_is_named():
                     container_kind="round")
 
 
+def test_a_ball_is_no_container():
+    """Over its top a camera sees its far side, as it sees a wall's inner face."""
+    result = reconstruct(Scene().sphere((0, 0, 0.1), 0.1), views=6)
+    assert result.container.kind == "none" and "container_unsure" in result.reasons
+
+
 @pytest.mark.parametrize("name, found, reasons", [
     ("train-shallow:297", "round", ()), ("train-deep:1014", "none", ("container_unsure",))])
 def test_what_is_nearly_a_container_is_one_or_is_said(name, found, reasons):

@@ -60,3 +60,9 @@ def test_a_given_height_is_used():
 def test_level_parts_alone_are_no_support(heights):
     seen = np.maximum(np.abs(X) - 0.104, np.abs(Y) - 0.084) < 0
     assert not find_support_plane(points_of(heights, seen)).is_certain
+
+
+def test_round_parts_that_lie_side_by_side_are_no_support():
+    """Their waves look like noise to who does not see that neighbours agree."""
+    waves = 0.02 * np.sin(X / 0.02) * np.sin(Y / 0.02)
+    assert not find_support_plane(points_of(waves)).is_certain

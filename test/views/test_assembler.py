@@ -93,7 +93,7 @@ def test_missing_partners_second_camera_and_time_backwards(tmp_path):
     again = records + [("/camera/color/image_raw/compressed", colors[2])]
     assert feed(again, config)[1].tally.skipped == {"time_backwards": 1}
     twice = records + [("/camera/color/image_raw/compressed", colors[-1])]
-    assert feed(twice, config)[1].tally.skipped == {"duplicate": 1}
+    assert feed(twice, config)[1].tally.skipped == {"same_stamp": 1}
     colors[4].header.frame_id = "other_camera"
     _, assembler = feed(records, config)
     assert assembler.tally.skipped == {"frame_changed": 1}

@@ -61,7 +61,7 @@ def test_a_faulty_image_is_skipped_with_its_reason(reason, fault, said):
 def test_time_going_backwards_and_standing_still():
     old = image(picture(9), "rgb8", stamp_of(0) - 1)
     assert "expected" in check_skip("time_backwards", COLOR_ONLY, color=old)
-    check_skip("duplicate", COLOR_ONLY, color=image(picture(9), "rgb8", stamp_of(0)))
+    check_skip("same_stamp", COLOR_ONLY, color=image(picture(9), "rgb8", stamp_of(0)))
 
 
 def test_label_images():
