@@ -5,7 +5,8 @@
 
 A part is taken if it makes piles, and no more than 25 tries are thrown away for eight of them.
 The piles are poured, not scanned, as that takes most of the time. `--json OUT` is written after
-each solid; where it exists, its solids are not tried again, if as many piles were asked for.
+each solid; where it exists, its solids are not tried again, if as many piles were asked for, and
+others stay in it.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ class PartCheck:
 
     number: int
     family: str
-    asked: int
+    asked: int = 0
     pieces: int = 0
     fullness: float = 1.0
     protrusion: float = 0.0
@@ -85,8 +86,10 @@ def run(options: argparse.Namespace) -> int:
     """Prints and writes the figures; returns the exit code."""
     library = open_library(options.library)
     order = np.random.default_rng(options.seed).permutation(len(library))[:options.solids]
-    checks = [check for check in _read_checks(options.json)
+    written = _read_checks(options.json)
+    checks = [check for check in written
               if check.number in order and check.asked == options.piles]
+    others = [check for check in written if check not in checks]
     done = {check.number for check in checks}
     left = [int(number) for number in order if number not in done]
     jobs = map_tasks(partial(check_part, library, piles=options.piles), left, Workers.of(options))
@@ -95,7 +98,8 @@ def run(options: argparse.Namespace) -> int:
         if not check.taken:
             write_line(_format_check(check))
         if options.json:
-            write_atomically(options.json, json.dumps([asdict(check) for check in checks]) + "\n")
+            write_atomically(options.json, json.dumps(
+                [asdict(check) for check in others + checks]) + "\n")
     print(format_table(checks))
     return 0
 

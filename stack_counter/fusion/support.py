@@ -172,9 +172,9 @@ def _noise_within_cells(points: np.ndarray) -> float:
     Waves that are wider than a cell, as of round parts, are no noise. Cells are as small as they
     can be to hold some points each.
     """
-    side = SETTINGS.cell
+    side, places = SETTINGS.cell, points[:, :2] - points[:, :2].min(axis=0)
     while True:
-        xy = np.floor(points[:, :2] / side).astype(np.int64)
+        xy = np.floor(places / side).astype(np.int64)
         _, cell = np.unique(xy[:, 0] * (np.ptp(xy[:, 1]) + 1) + xy[:, 1], return_inverse=True)
         count = np.bincount(cell)
         if np.median(count[cell]) >= SETTINGS.noise_cell_points or len(count) == 1:

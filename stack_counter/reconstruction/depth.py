@@ -196,7 +196,7 @@ class DepthReconstruction:
             reasons=(*_quality_reasons(stack, found, one_side, scan),
                      *check_geometry(stack, region.noise, self._unit_volume),
                      *((Reason.CROWDED,)
-                       if self._surroundings.are_crowded_around(stack.container, region) else ())),
+                       if self._surroundings.are_crowded_around(stack.container) else ())),
             one_side=one_side,
             mesh=color_mesh(surface.mesh, views),
             view_agreement_m=scan.agreement_m,

@@ -27,8 +27,8 @@ class SurroundingsSettings:
         min_rim_share: least share of its outline on which a container's rim must show.
         large_share: least footprint and height, over the first one's, of one as large.
         beside_m: distance from a container's rim up to which its wall and handles reach, m.
-        beside_height_share: least height, over the container's, of one as large within the same
-            region: what the container stands on is in there, too.
+        beside_height_share: least height, over the container's and above its underside, of one
+            as large within the same region, which may hold what the container stands by.
         height_percentile: percentile of a thing's points that is its height.
     """
 
@@ -60,24 +60,19 @@ class Surroundings:
     is_crowded: bool = False
     standing: np.ndarray | None = None
 
-    def are_crowded_around(self, container: Container, region: Region) -> bool:
-        """Whether something about as large as the container found stands beside it.
+    def are_crowded_around(self, container: Container) -> bool:
+        """Whether something about as large as a container that was found stands beside it.
 
-        Args:
-            container: in the region.
-            region: with the height of the support plane.
+        Heights are those above its underside: what it stands on is not beside it.
         """
-        if self.is_crowded or self.standing is None or container.rings is None:
+        if self.is_crowded or self.standing is None or container.wall_shape is None:
             return self.is_crowded
-        # Distance of every point from the container's middle, over that of the rim there.
-        rim = geometry.apply(container.T_world_container, container.rings[-1])[:, :2]
-        middle = rim.mean(axis=0)
-        around, radius = _polar(rim - middle)
-        angle, distance = _polar(self.standing[:, :2] - middle)
-        beside = distance > np.interp(angle, around, radius, period=2 * np.pi) \
-            + SETTINGS.beside_m
-        return _is_as_large(self.standing[beside], self.standing[~beside], region,
-                            SETTINGS.beside_height_share)
+        T = container.T_world_container
+        points = geometry.apply(geometry.inverse(T), self.standing)
+        points = points[points[:, 2] > 0]
+        inside = container.wall_shape.depth_inside(points[:, :2], np.zeros(len(points)))
+        beside = inside < -SETTINGS.beside_m
+        return _is_as_large(points[beside], points[~beside], 0.0, SETTINGS.beside_height_share)
 
 
 def inspect_surroundings(views: list[View], region: Region) -> Surroundings:
@@ -94,7 +89,8 @@ def inspect_surroundings(views: list[View], region: Region) -> Surroundings:
     points = points[points[:, 2] > region.plane_z + region.noise_height]
     inside = region.contains(points)
     own, others = points[inside], find_blobs(points[~inside])[:SETTINGS.max_things]
-    is_crowded = any(_is_as_large(other, own, region, SETTINGS.large_share) for other in others)
+    is_crowded = any(_is_as_large(other, own, region.plane_z, SETTINGS.large_share)
+                     for other in others)
     # Look for a rim in each.
     rims = [rim for rim in (_find_coarse_rim(thing, region) for thing in (own, *others))
             if rim is not None]
@@ -106,19 +102,17 @@ def inspect_surroundings(views: list[View], region: Region) -> Surroundings:
          for outline, rim in zip(outlines, rims)], region), is_crowded)
 
 
-def _polar(xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Angles (n,), rad, and distances (n,), metres, of (n, 2) points."""
-    return np.arctan2(xy[:, 1], xy[:, 0]), np.linalg.norm(xy, axis=1)
+def _is_as_large(other: np.ndarray, own: np.ndarray, base: float, height_share: float) -> bool:
+    """Whether (n, 3) points show a thing about as wide and as high as (m, 3) others do.
 
-
-def _is_as_large(other: np.ndarray, own: np.ndarray, region: Region, height_share: float) -> bool:
-    """Whether (n, 3) points show a thing about as wide and as high as (m, 3) others do."""
+    Both stand at z = `base`, metres.
+    """
     s = SETTINGS
     if min(len(other), len(own)) < s.min_points:
         return False
     area, own_area = (len(np.unique(np.floor(points[:, :2] / s.cell_m), axis=0))
                       for points in (other, own))
-    height, own_height = (np.percentile(points[:, 2], s.height_percentile) - region.plane_z
+    height, own_height = (np.percentile(points[:, 2], s.height_percentile) - base
                           for points in (other, own))
     return bool(area >= s.large_share * own_area and height >= height_share * own_height)
 

@@ -63,13 +63,18 @@ def _end_after(wait: Callable[[], object]) -> None:
 
 @contextmanager
 def _interrupts_held_back() -> Iterator[None]:
-    """Has SIGINT and SIGTERM come after the block, in the main thread, which gets them."""
+    """Has SIGINT and SIGTERM come after the block, in the main thread, which gets them.
+
+    Those that are not handled here, as they are ignored, stay as they are: a child inherits that.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     came: list[int] = []
-    before = {number: signal.signal(number, lambda number, _: came.append(number))
-              for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)
+              if callable(signal.getsignal(number))}
+    for number in before:
+        signal.signal(number, lambda number, _: came.append(number))
     try:
         yield
     finally:

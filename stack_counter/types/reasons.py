@@ -83,8 +83,8 @@ class Reason(StrEnum):
         "around it; add views that look into the container.", True)
     WALL_SHORT = (
         "wall_short", "The container's wall does not show down to what the container is taken to "
-        "stand on, as on rails, on another container or in a recess; give container_base_m, or "
-        "its depth (container_inner_size_m).", True)
+        "stand on, or begins anew with a ledge, as on rails, on another container or in a recess; "
+        "give container_base_m, or its depth (container_inner_size_m).", True)
     NOISY_DEPTH = (
         "noisy_depth", "The noise of the depth is more than a third of a part's length, so the "
         "surface hardly shows the parts; bring the camera nearer, or use a more exact one.", True)

@@ -43,8 +43,8 @@ def test_a_box_two_of_whose_sides_end_above_its_underside_is_noticed(kind, lowes
 @pytest.mark.parametrize("steps, base, want", [
     ([], 0.0, True), ([(0.05, 0.001)], 0.0, False), ([(0.05, -0.001)], 0.0, True),
     ([(0.05, 0.0005)], 0.0, True), ([(0.07, 0.002), (0.05, -0.002)], 0.0, True),
-    ([(0.05, 0.001)], 0.05, True)],
-    ids=["straight", "ledge", "lip", "small", "rib", "below the underside"])
+    ([(0.07, -0.002), (0.05, 0.002)], 0.0, True), ([(0.05, 0.001)], 0.05, True)],
+    ids=["straight", "ledge", "lip", "small", "rib", "groove", "below the underside"])
 def test_a_wall_that_begins_with_a_ledge_is_another_ones(steps, base, want):
     """Steps, outwards, on the way down from a drafted round wall's rim; the fit goes between."""
     random, rim = np.random.default_rng(0), 0.1

@@ -39,11 +39,12 @@ def test_a_thing_beside_the_heap_is_said(side, settings, crowded):
     assert ("crowded" in volume.reasons) == crowded
 
 
-@pytest.mark.parametrize("height, crowded", [(0.12, True), (0.06, False)])
-def test_what_stands_close_beside_the_container_is_said(height, crowded):
+@pytest.mark.parametrize("place, height, crowded", [
+    ((0.33, 0), 0.12, True), ((0, 0.24), 0.12, True), ((0.33, 0), 0.06, False)])
+def test_what_stands_close_beside_the_container_is_said(place, height, crowded):
     """As a bin heaped so high that it shows no opening, and not a lower board."""
     scene = Scene().bin(INNER, 0.005, 0.005, FILL).box(
-        (0.33, 0, height / 2), (0.3, 0.2, height))
+        (*place, height / 2), (0.3, 0.2, height))
     volume = reconstruct(scene.views(6, noise=0.0005, radius=1.0, center=(0.15, 0, 0)))
     assert max(volume.container.inner_size_m) == pytest.approx(INNER[0], abs=0.003)
     assert ("crowded" in volume.reasons) == crowded

@@ -95,3 +95,13 @@ def test_an_interrupt_while_a_worker_is_started_comes_after_it(monkeypatch, capf
         signal.signal(signal.SIGINT, before)
     wait_for_end(started[-1:])
     assert "Traceback" not in capfd.readouterr().err
+
+
+def test_workers_ignore_what_their_parent_ignores():
+    """As in the background of a script, where an interrupt is meant for others."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with worker_pool(1) as pool:
+            assert pool.submit(signal.getsignal, signal.SIGINT).result() == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
