@@ -93,10 +93,10 @@ def find_base(top: HeightMap, views: list[View], wall: FittedWall, points: FaceP
     # The wall of a container in a recess goes on below the support plane.
     xy, beside = cells_beside(top, wall.shape)
     lower = np.where(beside < -min_height, beside, np.nan)
-    recess = _common_height(_medians_by_sector(xy, lower, wall.shape))
+    recess = _common_height(medians_by_sector(xy, lower, wall.shape))
     if recess is not None and lower_edge < s.min_height:
         return recess
-    ground = _common_height(_medians_by_sector(xy, beside, wall.shape))
+    ground = _common_height(medians_by_sector(xy, beside, wall.shape))
     # The wall's own lower edge contradicts a ground that is another thing's top.
     if ground is not None and ground > min_height and lower_edge > ground - s.min_height:
         return ground
@@ -145,7 +145,7 @@ def least_height(region: Region) -> float:
     return max(SETTINGS.min_height, SETTINGS.noise_factor * region.noise)
 
 
-def _medians_by_sector(xy: np.ndarray, heights: np.ndarray, shape: WallShape) -> np.ndarray:
+def medians_by_sector(xy: np.ndarray, heights: np.ndarray, shape: WallShape) -> np.ndarray:
     """(sectors,) medians of (n,) heights at places (n, 2), metres; NaN for too few finite ones."""
     s, known = SETTINGS, np.isfinite(heights)
     heights, sector = heights[known], sectors(xy[known], shape)

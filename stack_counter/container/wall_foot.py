@@ -14,6 +14,7 @@ from stack_counter.container.base import (
     cells_beside,
     find_lower_edge,
     is_beside,
+    medians_by_sector,
     sectors,
 )
 from stack_counter.container.wall_fit import FacePoints, FittedWall
@@ -78,9 +79,10 @@ def reaches_base(top: HeightMap, views: list[View], wall: FittedWall, points: Fa
     """Whether a wall is seen down to the underside that its container is taken to have.
 
     No wall is beside which something lower shows, as in a recess, or which is two: the lower one
-    begins with a ledge, as of a container that another stands on. Of a box, only sides beside
-    which the ground shows are looked at: other things hide a wall's foot. Other kinds may lean
-    so far that no camera sees their foot; of what shows no outer face at all, nothing is known.
+    begins with a ledge, as of a container that another stands on. Only where the ground shows
+    beside it are ledges and the sides of a box looked at: other things hide a wall. Other kinds
+    may lean so far that no camera sees their foot; of what shows no outer face at all, nothing is
+    known.
 
     Args:
         top: highest surface, heights above the support plane.
@@ -91,8 +93,12 @@ def reaches_base(top: HeightMap, views: list[View], wall: FittedWall, points: Fa
         base: height of the underside above the support plane, metres.
         region: with the support plane and the depth's noise.
     """
+    xy, heights = cells_beside(top, wall.shape)
+    open_sectors = np.abs(medians_by_sector(xy, heights, wall.shape) - base) \
+        < BASE_SETTINGS.min_height
+    in_the_open = points.select(open_sectors[sectors(points.xy, wall.shape)])
     if _shows_lower(views, wall.shape, min(base, 0.0), rim_height, region) \
-            or _has_ledge(wall.shape, points, rim_height - base, region.noise):
+            or _has_ledge(wall.shape, in_the_open, rim_height - base, region.noise):
         return False
     if wall.shape.kind != "box":
         return True
@@ -101,7 +107,6 @@ def reaches_base(top: HeightMap, views: list[View], wall: FittedWall, points: Fa
                       for i in range(4)])
     short = (edges < rim_height) & (edges - max(base, 0.0) >= SETTINGS.max_unseen_foot)
     # Whether the ground shows beside each side.
-    xy, heights = cells_beside(top, wall.shape)
     level, beside = np.abs(heights - base) < BASE_SETTINGS.min_height, _sides(xy, wall.shape)
     open_sides = np.bincount(beside, level, 4) >= SETTINGS.min_open_share \
         * np.maximum(np.bincount(beside, minlength=4), 1)

@@ -40,12 +40,14 @@ def test_a_box_two_of_whose_sides_end_above_its_underside_is_noticed(kind, lowes
                         REGION) == want
 
 
-@pytest.mark.parametrize("steps, base, want", [
-    ([], 0.0, True), ([(0.05, 0.001)], 0.0, False), ([(0.05, -0.001)], 0.0, True),
-    ([(0.05, 0.0005)], 0.0, True), ([(0.07, 0.002), (0.05, -0.002)], 0.0, True),
-    ([(0.07, -0.002), (0.05, 0.002)], 0.0, True), ([(0.05, 0.001)], 0.05, True)],
-    ids=["straight", "ledge", "lip", "small", "rib", "groove", "below the underside"])
-def test_a_wall_that_begins_with_a_ledge_is_another_ones(steps, base, want):
+@pytest.mark.parametrize("steps, base, beside, want", [
+    ([], 0.0, 0.0, True), ([(0.05, 0.001)], 0.0, 0.0, False), ([(0.05, -0.001)], 0.0, 0.0, True),
+    ([(0.05, 0.0004)], 0.0, 0.0, True), ([(0.07, 0.002), (0.05, -0.002)], 0.0, 0.0, True),
+    ([(0.07, -0.002), (0.05, 0.002)], 0.0, 0.0, True), ([(0.05, 0.001)], 0.05, 0.05, True),
+    ([(0.05, 0.001)], 0.0, 0.06, True)],
+    ids=["straight", "ledge", "lip", "small", "rib", "groove", "below the underside",
+         "other things beside it"])
+def test_a_wall_that_begins_with_a_ledge_is_another_ones(steps, base, beside, want):
     """Steps, outwards, on the way down from a drafted round wall's rim; the fit goes between."""
     random, rim = np.random.default_rng(0), 0.1
     angle, z = random.uniform(-np.pi, np.pi, 8000), random.uniform(0.002, 0.097, 8000)
@@ -54,4 +56,4 @@ def test_a_wall_that_begins_with_a_ledge_is_another_ones(steps, base, want):
     xy = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     points = FacePoints(xy, rim - z, np.zeros(len(z), bool))
     wall = FittedWall(RoundWall(np.array([0, 0, 0.1, 0.05, 0.0])), WALL)
-    assert reaches_base(ground(base), [], wall, points, rim, base, REGION) == want
+    assert reaches_base(ground(beside), [], wall, points, rim, base, REGION) == want
