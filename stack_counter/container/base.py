@@ -89,7 +89,7 @@ def find_base(top: HeightMap, views: list[View], wall: FittedWall, points: FaceP
         base = rim_height + worn - depth - (config.container_floor_m or wall.thickness)
         has_thick_floor = lower_edge < base - s.min_height
         return 0.0 if abs(base) < s.same_floor or has_thick_floor else base
-    min_height = least_height(region)
+    min_height = _min_height(region)
     # The wall of a container in a recess goes on below the support plane.
     xy, beside = cells_beside(top, wall.shape)
     lower = np.where(beside < -min_height, beside, np.nan)
@@ -140,7 +140,7 @@ def _common_height(heights: np.ndarray) -> float | None:
     return height if np.mean(agree) >= s.min_agreeing_share else None
 
 
-def least_height(region: Region) -> float:
+def _min_height(region: Region) -> float:
     """Distance from the support plane, metres, of what surely lies above or below it."""
     return max(SETTINGS.min_height, SETTINGS.noise_factor * region.noise)
 
