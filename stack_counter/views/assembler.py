@@ -84,6 +84,7 @@ class ViewAssembler:
         self._transforms = TransformBuffer(config.tf_max_gap_s)
         self._calibrations = Calibrations(self._tolerance_ns)
         self._depths = DepthStream(config, self._transforms, frame)
+        self._calibrated_frame = ""
         self.notes: list[str] = []
         self.start()
 
@@ -180,7 +181,11 @@ class ViewAssembler:
         self._labels.add_message(message, decoding.labels_to_array, self._config.labels_topic)
 
     def add_camera_info(self, message: Any) -> None:
-        """Takes a `CameraInfo`; it is checked when a view needs it."""
+        """Takes a `CameraInfo`; it is checked when a view needs it.
+
+        Its frame is that of images that name none.
+        """
+        self._calibrated_frame = message.header.frame_id
         self._calibrations.add(decoding.stamp_ns(message.header.stamp),
                                decoding.intrinsics_of_camera_info(
                                    message, is_rectified(self._config.color_topic)))
@@ -242,7 +247,7 @@ class ViewAssembler:
         return (intrinsics is not None
                 and (not patient or self._calibrations.is_settled(head.stamp_ns))
                 and (not self._config.depth_topic or self._depths.is_settled(
-                    head.stamp_ns, head.frame, intrinsics, patient))
+                    head.stamp_ns, self._frame_of(head), intrinsics, patient))
                 and (not self._config.labels_topic or self._labels.is_settled(head.stamp_ns))
                 and self._has_pose(head)
                 and (not self._robot or self._robot.is_ready(head.stamp_ns, self._transforms)))
@@ -254,7 +259,11 @@ class ViewAssembler:
     def _source_frame(self, head: WaitingImage) -> str:
         if self._config.pose_source == "topic":
             return _POSE_TOPIC_FRAME
-        return (self._tf_frame or head.frame).lstrip("/")
+        return (self._tf_frame or self._frame_of(head)).lstrip("/")
+
+    def _frame_of(self, head: WaitingImage) -> str:
+        """The frame that an image names, or else its calibration."""
+        return head.frame or self._calibrated_frame
 
     def _make_view(self, head: WaitingImage) -> View:
         """Makes the view of a colour image.
@@ -270,7 +279,7 @@ class ViewAssembler:
             labels = self._labels.nearest_image(head.color, head.stamp_ns, "bad_labels")
         T, fixed = self._find_pose(head)
         view = View(head.stamp_ns, intrinsics, geometry.canonical_pose(T), head.color, None,
-                    labels, head.frame, fixed)
+                    labels, self._frame_of(head), fixed)
         if not self._config.depth_topic:
             self._gate.check(view)
             return view

@@ -156,7 +156,8 @@ class TransformBuffer:
         frames = set(self._edges) | {edge.parent for edge in self._edges.values()}
         known = f"known frames: {sorted(frames) or 'none'}"
         if not source:
-            return f"the images name no frame: have the driver set their frame_id; {known}"
+            return "neither images nor calibration name a frame: have the driver set their " \
+                   f"frame_id; {known}"
         if source not in frames:
             return f"no transform names '{source}': publish one (robot driver, hand-eye " \
                    f"calibration) and record /tf and /tf_static; {known}"

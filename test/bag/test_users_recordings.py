@@ -44,6 +44,11 @@ READ = {
     "depth by PNG": (users.png_depth, DEFAULT),
     "depth as 32FC1 in mm": (users.float_millimetres, replace(DEFAULT, depth_scale=0.001)),
     "depth as 16UC1 in 0.1 mm": (users.tenth_millimetres, replace(DEFAULT, depth_scale=0.0001)),
+    "depth as 16SC1": (users.signed_millimetres, DEFAULT),
+    "depth as 64FC1": (users.double_metres, DEFAULT),
+    "images whose calibration alone names a frame": (
+        lambda path: users.without_frame(path, COLOR, DEPTH), DEFAULT),
+    "a calibration of rectified images alone": (changed(INFO, k=np.zeros(9)), DEFAULT),
     "depth in the frame of colour": (lambda path: users.renamed(path, {DEPTH: (
         "/camera/depth/image_raw")}), DEFAULT),
     "rectified colour": (lambda path: users.renamed(path, {
@@ -164,9 +169,10 @@ REFUSED = {
         "expected 160x120", "set depth_topic"),
     "depth of another time": (changed(DEPTH, header=header(0)), "depth for colour at .*: none",
                               "expected within 5.0 ms", "sync_tolerance_s"),
-    "images of no frame": (changed(COLOR, header=header(10**9, "")), "images name no frame",
-                           "expected a chain", "set their frame_id"),
-    "an empty calibration": (changed(INFO, k=np.zeros(9)), "fx 0.0, fy 0.0",
+    "images of no frame": (lambda path: users.without_frame(path, COLOR, INFO),
+                           "neither images nor calibration name a frame", "expected a chain",
+                           "set their frame_id"),
+    "an empty calibration": (changed(INFO, k=np.zeros(9), p=np.zeros(12)), "fx 0.0, fy 0.0",
                              "expected finite numbers", "calibrate"),
     "a lens of no model": (changed(INFO, distortion_model="fov", d=np.array([0.9])),
                            r"distortion model 'fov' with coefficients \[0.9\]",

@@ -73,6 +73,13 @@ def renamed(path, names, **of_info):
                         for stamp, topic, kind, message in records(scan())])
 
 
+def without_frame(path, *topics):
+    """The scan of a driver whose messages on some topics name no frame."""
+    return write(path, [(stamp, topic, kind, replace(message, header=replace(
+        message.header, frame_id="")) if topic in topics else message)
+        for stamp, topic, kind, message in records(scan())])
+
+
 def of_world(path, name):
     """The scan of a robot whose TF tree has another root."""
     return write(path, [(stamp, topic, kind, replace(message, transforms=[
@@ -171,6 +178,17 @@ def png_depth(path):
 def float_millimetres(path):
     """Depth as 32FC1, in millimetres instead of metres."""
     return with_depth(path, lambda mm, stamp: image(mm.astype(np.float32), "32FC1", stamp))
+
+
+def signed_millimetres(path):
+    """Depth as 16SC1, as some writers of point clouds have it; below 0 is invalid."""
+    return with_depth(path, lambda mm, stamp: image(np.where(mm > 0, mm.astype(np.int16), -1),
+                                                    "16SC1", stamp))
+
+
+def double_metres(path):
+    """Depth as 64FC1, as scripts with numpy write it."""
+    return with_depth(path, lambda mm, stamp: image(mm * 0.001, "64FC1", stamp))
 
 
 def tenth_millimetres(path):

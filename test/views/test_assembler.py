@@ -106,7 +106,7 @@ def test_calibration_of_another_size_or_none(tmp_path):
     none = [r for r in records if r[0] != config.camera_info_topic]
     assert feed(none, config)[1].tally.skipped == {"no_camera_info": 6}
     infos[0].width = 320
-    infos[1].k = [0.0] * 9
+    infos[1].k, infos[1].p = [0.0] * 9, [0.0] * 12
     _, assembler = feed(records, config)
     assert assembler.tally.skipped == {"size_mismatch": 1, "bad_intrinsics": 1}
     assert "expected 320x120" in assembler.last_error["size_mismatch"]

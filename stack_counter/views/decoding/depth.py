@@ -19,7 +19,7 @@ from stack_counter.views.decoding.image_files import check_stated_size
 from stack_counter.views.decoding.pixels import MAX_DEPTH_PIXELS, image_to_array
 from stack_counter.views.decoding.rvl import decode_rvl
 
-_RAW = ("16UC1", "mono16", "32FC1")
+_RAW = ("16UC1", "mono16", "16SC1", "32FC1", "64FC1")
 _CONFIG_BYTES = 12
 _PNG = b"\x89PNG"
 
@@ -49,8 +49,8 @@ def depth_to_metres(message: Any, scale: float = 0.0) -> np.ndarray:
     """Decodes a depth `Image` or `CompressedImage` to (h, w) float32 metres, 0 where invalid.
 
     Args:
-        message: 16UC1 or mono16 (mm), or 32FC1 (m); compressed: 16 bits as PNG or RVL, or 32FC1
-            as the inverse depth of compressedDepth.
+        message: 16UC1, mono16 or 16SC1 (mm), 32FC1 or 64FC1 (m); compressed: 16 bits as PNG or
+            RVL, or 32FC1 as the inverse depth of compressedDepth.
         scale: metres that a unit is; 0: what the encoding means.
 
     Raises:
@@ -65,9 +65,8 @@ def depth_to_metres(message: Any, scale: float = 0.0) -> np.ndarray:
     else:
         raise ViewError("bad_encoding", f"depth in '{message.encoding}'; expected 16UC1 (mm) or "
                                         "32FC1 (m): set depth_topic, or the driver's format")
-    is_float = image.dtype == np.float32
-    if is_float:
-        image = np.where(np.isfinite(image) & (image > 0), image, 0)
+    is_float = np.issubdtype(image.dtype, np.floating)
+    image = np.where(np.isfinite(image) & (image > 0), image, 0)
     if not image.any():
         raise ViewError("empty_depth", f"{image.size} depth pixels, all invalid; expected some: "
                                        "check the camera's range and laser, or set depth_topic")

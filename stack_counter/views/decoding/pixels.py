@@ -22,7 +22,7 @@ LAYOUTS: dict[str, tuple[type[np.generic], int]] = {
     "rgba16": (np.uint16, 4), "bgra16": (np.uint16, 4),
     "8UC1": (np.uint8, 1), "8UC3": (np.uint8, 3), "8UC4": (np.uint8, 4),
     "16UC1": (np.uint16, 1), "16UC3": (np.uint16, 3), "16UC4": (np.uint16, 4),
-    "32FC1": (np.float32, 1),
+    "16SC1": (np.int16, 1), "32FC1": (np.float32, 1), "64FC1": (np.float64, 1),
     **{f"bayer_{order}{bits}": (kind, 1) for order in ("rggb", "bggr", "gbrg", "grbg")
        for bits, kind in ((8, np.uint8), (16, np.uint16))},
     "yuv422": (np.uint8, 2), "uyvy": (np.uint8, 2),
