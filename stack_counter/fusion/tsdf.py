@@ -30,7 +30,8 @@ class TsdfSettings:
             become larger than that.
         voxels_per_part: number of voxels along the cube root of a part's volume.
         block: voxels along the side of a block; small blocks follow the surface closely.
-        first_blocks: first capacity of the hash map of blocks; it grows by itself.
+        first_blocks: first capacity of the hash map of blocks, which takes 4 kB for each and
+            grows by itself.
     """
 
     coarsest_voxel: float = 0.002
@@ -38,7 +39,7 @@ class TsdfSettings:
     voxels_along_region: int = 400
     voxels_per_part: int = 4
     block: int = 8
-    first_blocks: int = 20_000
+    first_blocks: int = 2_000
 
 
 SETTINGS = TsdfSettings()
