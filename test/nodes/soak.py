@@ -14,11 +14,13 @@ import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
 from geometry_msgs.msg import TransformStamped
 from kits.harness import LATCHED, Harness
+from rclpy.client import Client
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from stack_counter_msgs.msg import ScanStatus, StackCount
@@ -60,6 +62,7 @@ class Station:
         self.settings = {"counter": {"estimator": estimator}}
         self.processes = {name: self.ros.start(name, **self.settings.get(name, {}))
                           for name in NODES}
+        self.clients: dict[str, Client] = {}
         self.scans, self.clock = 0, 0
         self.wait_for_collector()
 
@@ -84,11 +87,20 @@ class Station:
                                     header))
         self.color.publish(to_image(view.color, "rgb8", header))
 
+    def call(self, kind: type, name: str, request: object) -> Any:
+        """Calls a service by one client for all scans: what nodes keep of each would add up."""
+        client = self.clients.get(name) or self.ros.node.create_client(kind, name)
+        self.clients[name] = client
+        assert client.wait_for_service(30), f"no service {name}"
+        future = client.call_async(request)
+        self.ros.wait(future.done, f"an answer of {name}")
+        return future.result()
+
     def start_scan(self) -> str:
         """Starts a scan and publishes all its views; returns its id."""
         self.scans += 1
         scan_id = f"scan{self.scans}"
-        answer = self.ros.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(
+        answer = self.call(StartScan, f"{SPACE}/start_scan", StartScan.Request(
             scan_id=scan_id, unit_volume=self.unit_volume))
         assert answer.accepted, answer.message
         for view in self.views:
@@ -100,7 +112,7 @@ class Station:
         scan_id = self.start_scan()
         begin = time.monotonic()
         self.ros.wait(lambda: self.status["collector"].processed == VIEWS, "all views")
-        self.ros.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request())
+        self.call(StopScan, f"{SPACE}/stop_scan", StopScan.Request())
         self.ros.wait(lambda: self.counts and self.counts[-1].final
                       and self.counts[-1].scan_id == scan_id, f"the count of {scan_id}")
         taken = time.monotonic() - begin
@@ -141,6 +153,7 @@ class Station:
     def restart_node(self, name: str) -> None:
         """Starts a node anew and has the others forget the scan, as a supervisor does."""
         self.processes[name] = self.ros.start(name, **self.settings.get(name, {}))
+        self.clients.clear()
         # Once each, where the server is known: a second request, of a first that is answered
         # late, would make it forget the next scan.
         for server, service in (("reconstructor", "reset_reconstruction"), ("collector", "reset")):
