@@ -19,6 +19,8 @@ class UprightSettings:
 
     Attributes:
         draws: number of planes through three points that are tried.
+        draws_at_once: number of them whose points are counted at once: the heights of those stay
+            in the processor's cache.
         max_points: largest number of points that they are tried on.
         half_thickness: distance up to which a point lies on a plane, median distances from the
             cameras to the points.
@@ -36,6 +38,7 @@ class UprightSettings:
     """
 
     draws: int = 1000
+    draws_at_once: int = 100
     max_points: int = 5000
     half_thickness: float = 0.005
     max_below: float = 0.02
@@ -163,24 +166,49 @@ def find_upright_pose(points: np.ndarray, poses: np.ndarray) -> UprightPose:
     centers = poses[:, :3, 3]
     middle, thickness = np.median(points, axis=0), _thickness(points, centers)
     up, on_plane = -poses[:, :3, 1].mean(axis=0), np.zeros(len(points), bool)
-    # Draw planes; the support has all cameras above it and next to nothing below.
-    for _ in range(SETTINGS.draws):
-        a, b, c = points[random.choice(len(points), 3, replace=False)]
-        normal = np.cross(b - a, c - a)
-        normal /= max(float(np.linalg.norm(normal)), 1e-12)
-        sides = (centers - a) @ normal
-        normal = -normal if sides.mean() < 0 else normal
-        heights = (points - a) @ normal
-        on = np.abs(heights) < thickness
-        if (sides * np.sign(sides.mean()) > 0).all() and on.sum() > on_plane.sum() \
-                and (heights < -thickness).mean() <= SETTINGS.max_below:
-            up, on_plane = normal, on
+    planes = _draw_planes(points, centers, random)
+    if (best := _largest_support(planes, points, thickness)) is not None:
+        up, on_plane = planes[best, :3], np.abs(_heights(planes[[best]], points)[0]) < thickness
     share = float(on_plane.mean())
     if share < SETTINGS.min_share:
         up, share = -poses[:, :3, 1].mean(axis=0), 0.0
     else:
         up = _refit_normal(points[on_plane], up)
     return UprightPose(_turned(up, middle, points[on_plane] if share else points), share)
+
+
+def _draw_planes(points: np.ndarray, centers: np.ndarray, random: np.random.Generator
+                 ) -> np.ndarray:
+    """Draws planes through three of (n, 3) points that all (m, 3) centres lie on one side of.
+
+    Returns:
+        (k, 4) unit normals towards the centres, and heights above the origin along these, m.
+    """
+    a, b, c = points[random.integers(len(points), size=(3, SETTINGS.draws))]
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    planes = np.column_stack([normals, np.sum(normals * a, axis=1)])
+    sides = _heights(planes, centers)
+    signs = np.sign(sides.mean(axis=1, keepdims=True))
+    return (planes * signs)[(sides * signs > 0).all(axis=1)]
+
+
+def _largest_support(planes: np.ndarray, points: np.ndarray, thickness: float) -> int | None:
+    """Which of (k, 4) planes has most of (n, 3) points on it and next to none below; or None."""
+    best, most = None, 0
+    for start in range(0, len(planes), SETTINGS.draws_at_once):
+        heights = _heights(planes[start:start + SETTINGS.draws_at_once], points)
+        below = np.count_nonzero(heights < -thickness, axis=1)
+        on = np.count_nonzero(heights < thickness, axis=1) - below
+        on[below > SETTINGS.max_below * len(points)] = 0
+        if on.max() > most:
+            best, most = start + int(on.argmax()), int(on.max())
+    return best
+
+
+def _heights(planes: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(k, n) heights of (n, 3) points above (k, 4) planes, m."""
+    return planes[:, :3] @ points.T - planes[:, 3:]
 
 
 def _refit_normal(points: np.ndarray, up: np.ndarray) -> np.ndarray:

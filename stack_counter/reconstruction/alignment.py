@@ -18,12 +18,12 @@ from stack_counter.fusion.registration import register_views
 from stack_counter.fusion.view_shift import measure_agreement
 from stack_counter.reconstruction.view_agreement import (
     ViewPair,
+    agree_throughout,
     check_agreement,
-    clearly_contradicting_views,
     compare_views,
     count_contradicting,
     name_view,
-    split_pairs,
+    views_to_leave_out_first,
 )
 from stack_counter.types import View
 
@@ -83,13 +83,13 @@ def align_scan(fusion: DepthFusion, views: list[View], config: ReconstructorConf
                       (SETTINGS.apart_voxels, SETTINGS.refused_voxels))
     # Leave out what most others contradict, before it pulls them along.
     pairs = compare_views(views, fusion.region)
-    off = clearly_contradicting_views(pairs, len(views), config.min_views)
+    off = views_to_leave_out_first(pairs, len(views), config.min_views)
     kept, region = _leave_out(views, off, fusion.region, config)
     if off:
         pairs = compare_views(kept, region)
     # Register the others where they lie apart.
     agreement = measure_agreement(kept, region)
-    if agreement.median_m > apart or split_pairs(pairs):
+    if agreement.median_m > apart or not agree_throughout(pairs, len(kept)):
         kept, region, pairs = _bring_together(kept, region, pairs, config,
                                               max(agreement.median_m, apart))
     # Leave out what contradicts them still.

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -35,6 +35,9 @@ class AgreementSettings:
         max_contradicted: largest share of its points that the others may contradict of a view,
             in the median over those others. On `bags/demo` it is 1% at most of any pair, and 40%
             or more of those that a shift of 20 to 60 mm lies between.
+        max_contradicted_of_good: largest share of any pair of views whose poses are good. It is 2%
+            at most where these are off by 0.5 mm and 0.05 degrees, and 11 to 34% where they are
+            off by 3 mm and 0.3 degrees, on 26 training scans.
         max_split_pairs: largest number of pairs beyond that among the views that are kept. What
             moves between two views lies between three or more pairs; chosen.
     """
@@ -48,6 +51,7 @@ class AgreementSettings:
     edge_px: int = 3
     standing_m: float = 0.012
     max_contradicted: float = 0.25
+    max_contradicted_of_good: float = 0.1
     max_split_pairs: int = 1
 
 
@@ -62,6 +66,7 @@ class ViewPair:
         first, second: indices of the earlier and the later view.
         contradicted: share of the points of one, or of those that stand, that are free space to
             the other: the largest.
+        contradicted_in_all: the same of all points alone.
         appeared: that share of the later one's: the earlier one saw through it, it was not there
             then. What is taken away during a scan is no such thing, and is carved away.
         apart_m: median distance between what both show, m, but for what one hides from the other.
@@ -70,6 +75,7 @@ class ViewPair:
     first: int
     second: int
     contradicted: float
+    contradicted_in_all: float
     appeared: float
     apart_m: float
 
@@ -85,21 +91,29 @@ def compare_views(views: list[View], region: Region) -> list[ViewPair]:
         The pairs of views that share enough points.
     """
     clouds = [_world_cloud(view) for view in views]
+    nearest = [_nearest_beside(view) for view in views]
     limit = max(SETTINGS.see_through_m, SETTINGS.see_through_noise * region.noise)
     pairs = []
     for first, second in pair_views(len(views), SETTINGS.next_views):
-        behind = [_points_behind(clouds[a], views[b], region)
+        behind = [_points_behind(clouds[a], views[b], nearest[b], region)
                   for a, b in ((first, second), (second, first))]
         known = [points.distances for points in behind
                  if len(points.distances) >= SETTINGS.min_shared_points]
         if known:
             visible = np.concatenate(known)
             visible = visible[visible > -limit]
-            shares = [points.contradicted_share(limit) for points in behind]
+            of_all, of_standing = ([points.contradicted_share(limit, standing)
+                                    for points in behind] for standing in (False, True))
             pairs.append(ViewPair(
-                first, second, max(shares), shares[1],
+                first, second, max(*of_all, *of_standing), max(of_all),
+                max(of_all[1], of_standing[1]),
                 float(np.median(np.abs(visible))) if len(visible) else limit))
     return pairs
+
+
+def agree_throughout(pairs: list[ViewPair], count: int) -> bool:
+    """Whether none of `count` views would be left out, and nothing lies between groups of them."""
+    return not contradicting_views(pairs, count) and not split_pairs(pairs)
 
 
 def count_contradicting(pairs: list[ViewPair]) -> int:
@@ -165,6 +179,29 @@ def clearly_contradicting_views(pairs: list[ViewPair], count: int, min_views: in
     """
     off = contradicting_views(pairs, count)
     return off if _is_majority(count - len(off), off, min_views) else []
+
+
+def views_to_leave_out_first(pairs: list[ViewPair], count: int, min_views: int) -> list[int]:
+    """Finds the views that are no good to register the others to.
+
+    What stands says so where all others agree without these. Where poses are off by millimetres
+    it does not: before they are mended, steep sides of parts and walls contradict each other in
+    all views, and the support around them alone says which views are wrong.
+
+    Args:
+        pairs: of the scan, before it is registered.
+        count: number of its views.
+        min_views: fewest views of a scan.
+
+    Returns:
+        Their indices.
+    """
+    off = clearly_contradicting_views(pairs, count, min_views)
+    if all(pair.contradicted <= SETTINGS.max_contradicted_of_good for pair in pairs
+           if pair.first not in off and pair.second not in off):
+        return off
+    in_all = [replace(pair, contradicted=pair.contradicted_in_all) for pair in pairs]
+    return clearly_contradicting_views(in_all, count, min_views)
 
 
 def _is_majority(kept: int, off: list[int], min_views: int) -> bool:
@@ -237,21 +274,27 @@ class _PointsBehind:
     past_edges: np.ndarray
     standing: np.ndarray
 
-    def contradicted_share(self, limit: float) -> float:
-        """Share behind which the other sees by more than `limit`, m: of all, or what stands."""
-        free = self.past_edges > limit
-        return max((float(np.mean(chosen)) for chosen in (free, free[self.standing])
-                    if len(chosen) >= SETTINGS.min_shared_points), default=0.0)
+    def contradicted_share(self, limit: float, of_standing: bool) -> float:
+        """Share behind which the other sees by more than `limit`, m, of all or of what stands."""
+        free = self.past_edges[self.standing if of_standing else slice(None)] > limit
+        return float(np.mean(free)) if len(free) >= SETTINGS.min_shared_points else 0.0
 
 
-def _points_behind(points: np.ndarray, other: View, region: Region) -> _PointsBehind:
-    """Holds (n, 3) world points against the depth of another view."""
+def _nearest_beside(view: View) -> np.ndarray:
+    """(h, w) float32 least depth of a view within a few pixels of each, m; inf where none is."""
+    depth = np.asarray(view.depth, np.float32)
+    return cv2.erode(np.where(depth > 0, depth, np.float32(np.inf)),
+                     np.ones((2 * SETTINGS.edge_px + 1,) * 2))
+
+
+def _points_behind(points: np.ndarray, other: View, nearest: np.ndarray, region: Region
+                   ) -> _PointsBehind:
+    """Holds (n, 3) world points against the depth of another view, and its `_nearest_beside`."""
     assert other.depth is not None  # for the type checker
     pixels = geometry.project_into(other, points)
     measured = other.depth[pixels.rows, pixels.cols]
-    nearest = cv2.erode(np.where(other.depth > 0, other.depth, np.inf).astype(np.float32),
-                        np.ones((2 * SETTINGS.edge_px + 1,) * 2))[pixels.rows, pixels.cols]
     known = measured > 0
     above = points[pixels.inside][known, 2] - region.plane_z
-    return _PointsBehind((measured - pixels.depth)[known], (nearest - pixels.depth)[known],
+    return _PointsBehind((measured - pixels.depth)[known],
+                         (nearest[pixels.rows, pixels.cols] - pixels.depth)[known],
                          above > max(SETTINGS.standing_m, region.noise_height))

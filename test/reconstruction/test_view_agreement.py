@@ -11,6 +11,7 @@ from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region
+from stack_counter.fusion.registration import pair_views
 from stack_counter.pipeline import StackCounter
 from stack_counter.reconstruction.view_agreement import (
     ViewPair,
@@ -18,6 +19,7 @@ from stack_counter.reconstruction.view_agreement import (
     compare_views,
     contradicting_views,
     split_pairs,
+    views_to_leave_out_first,
 )
 from stack_counter.types import Reason
 
@@ -83,12 +85,24 @@ def test_of_three_views_the_one_that_is_off_is_named_where_two_are_too_few():
 
 def test_what_contradicts_only_the_wrong_view_is_not_to_blame():
     shares = {(0, 1): 1.0, (0, 2): 0.0, (1, 2): 1.0}
-    pairs = [ViewPair(*views, share, share, 0.0) for views, share in shares.items()]
+    pairs = [ViewPair(*views, share, share, share, 0.0) for views, share in shares.items()]
     assert contradicting_views(pairs, 3) == [1]
 
 
+def test_what_stands_says_which_view_is_wrong_only_where_the_others_agree():
+    """Of poses off by millimetres the sides of what stands contradict each other in all views."""
+    def pairs_of(others):
+        return [ViewPair(i, j, 0.4 if 3 in (i, j) else others, 0.05, 0.0, 0.0)
+                for i, j in pair_views(8, 2)]
+
+    assert views_to_leave_out_first(pairs_of(0.02), 8, 3) == [3]
+    assert views_to_leave_out_first(pairs_of(0.2), 8, 3) == []
+    wrong = [replace(pair, contradicted_in_all=pair.contradicted) for pair in pairs_of(0.2)]
+    assert views_to_leave_out_first(wrong, 8, 3) == [3]
+
+
 def test_two_views_that_contradict_are_both_off():
-    assert sorted(contradicting_views([ViewPair(0, 1, 0.9, 0.9, 0.1)], 2)) == [0, 1]
+    assert sorted(contradicting_views([ViewPair(0, 1, 0.9, 0.9, 0.9, 0.1)], 2)) == [0, 1]
 
 
 # --- what stands is moved, and the plane around it looks as before -----------------------------
@@ -119,9 +133,10 @@ def test_a_bin_that_is_moved_halfway_is_told_or_refused(by):
 
 
 def test_one_pair_alone_splits_nothing():
-    pairs = [ViewPair(i, i + 1, share, share, 0.0) for i, share in enumerate((0.0, 0.9, 0.0))]
+    pairs = [ViewPair(i, i + 1, share, share, share, 0.0)
+             for i, share in enumerate((0.0, 0.9, 0.0))]
     assert split_pairs(pairs) == []
-    worst = ViewPair(4, 5, 1.0, 1.0, 0.0)
+    worst = ViewPair(4, 5, 1.0, 1.0, 1.0, 0.0)
     assert split_pairs([*pairs, worst])[0] is worst
     assert split_pairs([*pairs, worst], [5]) == []
     taken = [replace(pair, appeared=0.0) for pair in [*pairs, worst]]
