@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 
 from stack_counter import geometry
-from stack_counter.bag.upright import UprightPose, find_upright_pose
 from stack_counter.bag.writer import write_bag
 from stack_counter.errors import BagError
+from stack_counter.fusion.upright import UprightPose, find_upright_pose
 from stack_counter.pictures.folder import (
     Picture,
     find_pictures,

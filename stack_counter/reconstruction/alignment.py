@@ -17,10 +17,13 @@ from stack_counter.fusion.registration import SETTINGS as REGISTRATION
 from stack_counter.fusion.registration import register_views
 from stack_counter.fusion.view_shift import measure_agreement
 from stack_counter.reconstruction.view_agreement import (
+    ViewPair,
+    agree_throughout,
     check_agreement,
-    clearly_contradicting_views,
     compare_views,
+    count_contradicting,
     name_view,
+    views_to_leave_out_first,
 )
 from stack_counter.types import View
 
@@ -50,7 +53,7 @@ class AlignedScan:
         fusion: of these views.
         views: cropped to the region, with corrected poses; a new list.
         agreement_m: median shift between successive views, m; 0 if not known.
-        agree: that is below a voxel.
+        agree: that is below a voxel, and no few of the views lie far from the others.
         left_out: errors of the views that contradict the others.
     """
 
@@ -79,16 +82,17 @@ def align_scan(fusion: DepthFusion, views: list[View], config: ReconstructorConf
     apart, refused = (voxels * fusion.voxel_size for voxels in
                       (SETTINGS.apart_voxels, SETTINGS.refused_voxels))
     # Leave out what most others contradict, before it pulls them along.
-    pairs = compare_views(views, fusion.region.noise)
-    off = clearly_contradicting_views(pairs, len(views), config.min_views)
+    pairs = compare_views(views, fusion.region)
+    off = views_to_leave_out_first(pairs, len(views), config.min_views)
     kept, region = _leave_out(views, off, fusion.region, config)
+    if off:
+        pairs = compare_views(kept, region)
     # Register the others where they lie apart.
     agreement = measure_agreement(kept, region)
-    if agreement > apart:
-        kept, region = _bring_together(kept, region, config, agreement)
+    if agreement.median_m > apart or not agree_throughout(pairs, len(kept)):
+        kept, region, pairs = _bring_together(kept, region, pairs, config,
+                                              max(agreement.median_m, apart))
     # Leave out what contradicts them still.
-    if kept is not views:
-        pairs = compare_views(kept, region.noise)
     still_off = check_agreement(kept, pairs, config.min_views)
     errors = tuple(ViewError("contradicts_others", f"{name} contradicts the views beside it; "
                              "expected the same surface")
@@ -100,8 +104,8 @@ def align_scan(fusion: DepthFusion, views: list[View], config: ReconstructorConf
         fusion = DepthFusion(region, config, unit_volume)
         kept = [fusion.integrate(view, is_smooth=True) for view in kept]
         agreement = measure_agreement(kept, region)
-    _refuse_apart(agreement, refused)
-    return AlignedScan(fusion, list(kept), agreement, agreement <= apart, errors)
+    _refuse_apart(agreement.median_m, refused)
+    return AlignedScan(fusion, list(kept), agreement.median_m, agreement.some_m <= apart, errors)
 
 
 def _leave_out(views: list[View], off: list[int], region: Region, config: ReconstructorConfig
@@ -122,24 +126,32 @@ def _leave_out(views: list[View], off: list[int], region: Region, config: Recons
     return kept, replace(find_region(kept, config), noise=region.noise)
 
 
-def _bring_together(views: list[View], region: Region, config: ReconstructorConfig,
-                    apart_m: float) -> tuple[list[View], Region]:
+def _bring_together(views: list[View], region: Region, pairs: list[ViewPair],
+                    config: ReconstructorConfig, apart_m: float
+                    ) -> tuple[list[View], Region, list[ViewPair]]:
     """Registers views, and finds the region again, which poses that are off blow up.
 
     Args:
         views: with depth.
         region: as found before.
+        pairs: of the views as they are.
         config: a configured region stays as it is.
         apart_m: how far successive views seem apart, m.
 
     Returns:
-        The views with corrected poses, and the region around what they show standing.
+        The views with corrected poses, the region around what they show standing, and their
+        pairs; all as they were where more of the views contradict each other then, as where one
+        of several like things was set on the next.
     """
+    registered, around = views, region
     for levels in (REGISTRATION.coarse, REGISTRATION.fine):
-        views = lift_to_support(register_views(views, region, levels, apart_m), region)
+        registered = lift_to_support(register_views(registered, around, levels, apart_m), around)
         if not any(config.roi_size_m):
-            region = find_region_again(views, region)
-    return views, region
+            around = find_region_again(registered, around)
+    new_pairs = compare_views(registered, around)
+    if count_contradicting(new_pairs) > count_contradicting(pairs):
+        return views, region, pairs
+    return registered, around, new_pairs
 
 
 def _refuse_apart(agreement: float, limit: float) -> None:

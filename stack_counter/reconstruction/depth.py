@@ -6,6 +6,7 @@ Source: paper, section 3.3.
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -19,6 +20,7 @@ from stack_counter.fusion.depth_filter import clip_depth
 from stack_counter.fusion.depth_fusion import DepthFusion
 from stack_counter.fusion.pixel_spacing import pixel_spacing
 from stack_counter.fusion.region import Region, find_region, seen_from_one_side
+from stack_counter.fusion.upright import require_z_up
 from stack_counter.reconstruction.alignment import AlignedScan, align_scan
 from stack_counter.reconstruction.filling_level import measure_filling_level
 from stack_counter.reconstruction.geometry_checks import check_geometry
@@ -213,9 +215,12 @@ class DepthReconstruction:
         """Finds the region in the views so far and fuses them.
 
         Raises:
-            ScanError: no support plane, or nothing stands on it.
+            ScanError: no support plane, one that is not level, or nothing stands on it.
         """
         views = self.views
+        # A world of pictures was turned by its support; who gives a height has a level one.
+        if not self._stereo_window_m and math.isnan(self._config.support_height_m):
+            require_z_up(views)
         region = replace(find_region(views, self._config), stereo_window_m=self._stereo_window_m)
         fusion = DepthFusion(region, self._config, self._unit_volume)
         if not any(self._config.roi_size_m):

@@ -196,6 +196,8 @@ REFUSED = {
                                   "expected samples", "what never changes on /tf_static"),
     "two parents in turn": (users.two_parents, "'camera.*' has", "expected samples",
                             r"also published below \['.*'\]; let it have one parent"),
+    "a world whose z is not up": (users.upside_down, "tilted by 180 degrees", "expected z of",
+                                  "set world_frame to a frame"),
     "the calibration of another size": (changed(INFO, width=640, height=480), "image of 160x120",
                                         "expected 640x480", "set camera_info_topic"),
 }

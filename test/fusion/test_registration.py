@@ -13,6 +13,7 @@ from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region
 from stack_counter.fusion.registration import SETTINGS, pair_views, register_views
+from stack_counter.fusion.view_shift import Agreement
 from stack_counter.pipeline import StackCounter
 from stack_counter.reconstruction import alignment
 
@@ -77,7 +78,7 @@ def test_views_that_agree_are_not_registered(monkeypatch):
 
 def test_views_that_cannot_be_brought_together_are_refused(monkeypatch):
     monkeypatch.setattr(alignment, "register_views", lambda views, region, levels, apart: views)
-    monkeypatch.setattr(alignment, "measure_agreement", lambda views, region: 0.0063)
+    monkeypatch.setattr(alignment, "measure_agreement", lambda views, region: Agreement(0.0063))
     with pytest.raises(ScanError, match=r"disagree by 6\.3 mm.*expected below 5\.0 mm: calibrate"):
         measure(true_views())
 

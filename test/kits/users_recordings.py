@@ -163,6 +163,12 @@ def two_parents(path):
                                   for stamp, topic, *_ in found if topic == "/tf")])
 
 
+def upside_down(path):
+    """The poses are in the base of a robot that hangs from a ceiling."""
+    return write(path, records([replace(
+        view, T_world_camera=FLIP @ view.T_world_camera) for view in scan()]))
+
+
 def compressed_depth(path):
     """Depth as compressed_depth_image_transport packs it."""
     return with_depth(path, lambda mm, stamp: packed(

@@ -10,16 +10,22 @@ from kits.analytic import Scene
 from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ScanError
+from stack_counter.fusion.region import Region
+from stack_counter.fusion.registration import pair_views
 from stack_counter.pipeline import StackCounter
 from stack_counter.reconstruction.view_agreement import (
     ViewPair,
     check_agreement,
     compare_views,
     contradicting_views,
+    split_pairs,
+    views_to_leave_out_first,
 )
+from stack_counter.types import Reason
 
 INNER, FILL = (0.3, 0.2, 0.12), 0.07
 TRUE_VOLUME = 0.3 * 0.2 * FILL
+REGION = Region(np.array([-0.2, -0.2, -0.04]), np.array([0.2, 0.2, 0.16]), 0.0, 0.001)
 
 
 def bin_views(count=12, **how):
@@ -41,7 +47,7 @@ def measure(views, **settings):
 
 
 def test_good_views_agree_to_their_noise():
-    pairs = compare_views(bin_views(), 0.001)
+    pairs = compare_views(bin_views(), REGION)
     assert len(pairs) == 24
     assert max(pair.apart_m for pair in pairs) < 0.002
     assert contradicting_views(pairs, 12) == []
@@ -54,7 +60,7 @@ def test_views_with_the_poses_of_others_are_refused(wrong):
     bad = poses[1:] + poses[:1] if wrong == "shifted" else [geometry.inverse(T) for T in poses]
     views = [replace(v, T_world_camera=T) for v, T in zip(views, bad)]
     with pytest.raises(ScanError, match=r"the views disagree by \d+ mm"):
-        check_agreement(views, compare_views(views, 0.001), 3)
+        check_agreement(views, compare_views(views, REGION), 3)
 
 
 @pytest.mark.parametrize("index", [0, 1])
@@ -79,9 +85,59 @@ def test_of_three_views_the_one_that_is_off_is_named_where_two_are_too_few():
 
 def test_what_contradicts_only_the_wrong_view_is_not_to_blame():
     shares = {(0, 1): 1.0, (0, 2): 0.0, (1, 2): 1.0}
-    pairs = [ViewPair(*views, share, 0.0) for views, share in shares.items()]
+    pairs = [ViewPair(*views, share, share, share, 0.0) for views, share in shares.items()]
     assert contradicting_views(pairs, 3) == [1]
 
 
+def test_what_stands_says_which_view_is_wrong_only_where_the_others_agree():
+    """Of poses off by millimetres the sides of what stands contradict each other in all views."""
+    def pairs_of(others):
+        return [ViewPair(i, j, 0.4 if 3 in (i, j) else others, 0.05, 0.0, 0.0)
+                for i, j in pair_views(8, 2)]
+
+    assert views_to_leave_out_first(pairs_of(0.02), 8, 3) == [3]
+    assert views_to_leave_out_first(pairs_of(0.2), 8, 3) == []
+    wrong = [replace(pair, contradicted_in_all=pair.contradicted) for pair in pairs_of(0.2)]
+    assert views_to_leave_out_first(wrong, 8, 3) == [3]
+
+
 def test_two_views_that_contradict_are_both_off():
-    assert sorted(contradicting_views([ViewPair(0, 1, 0.9, 0.1)], 2)) == [0, 1]
+    assert sorted(contradicting_views([ViewPair(0, 1, 0.9, 0.9, 0.9, 0.1)], 2)) == [0, 1]
+
+
+# --- what stands is moved, and the plane around it looks as before -----------------------------
+
+def moved(views, which, by):
+    """The views, some of which see everything moved by so many metres along the support."""
+    shift = geometry.pose(np.eye(3), np.array([by, 0.4 * by, 0]))
+    return [replace(view, T_world_camera=shift @ view.T_world_camera) if i in which else view
+            for i, view in enumerate(views)]
+
+
+@pytest.mark.parametrize("by", [0.03, 0.06])
+def test_one_view_in_which_all_is_moved_is_left_out(by):
+    volume = measure(moved(bin_views(), [7], by))
+    assert volume.views.skipped == {"contradicts_others": 1}
+    assert volume.stack_volume == pytest.approx(TRUE_VOLUME, rel=0.03)
+
+
+@pytest.mark.parametrize("by", [0.012, 0.06])
+def test_a_bin_that_is_moved_halfway_is_told_or_refused(by):
+    views = moved(bin_views(), range(6, 12), by)
+    if by < 0.02:
+        assert Reason.VIEWS_APART in measure(views).reasons
+        return
+    with pytest.raises(ScanError, match=r"pairs of views disagree, view \d+ of .* and view .*; "
+                                        r"expected below 25%: let neither the container nor"):
+        measure(views)
+
+
+def test_one_pair_alone_splits_nothing():
+    pairs = [ViewPair(i, i + 1, share, share, share, 0.0)
+             for i, share in enumerate((0.0, 0.9, 0.0))]
+    assert split_pairs(pairs) == []
+    worst = ViewPair(4, 5, 1.0, 1.0, 1.0, 0.0)
+    assert split_pairs([*pairs, worst])[0] is worst
+    assert split_pairs([*pairs, worst], [5]) == []
+    taken = [replace(pair, appeared=0.0) for pair in [*pairs, worst]]
+    assert split_pairs(taken) == []  # taken away, and not there from then on

@@ -25,7 +25,6 @@ from stack_counter.bag.nerfstudio.images import (
     read_jpeg,
     read_mask,
 )
-from stack_counter.bag.nerfstudio.leveling import find_turn
 from stack_counter.bag.nerfstudio.stacking import (
     CONTAINER_FOLDER,
     PARTS_FOLDER,
@@ -44,6 +43,7 @@ from stack_counter.bag.nerfstudio.transforms import (
 )
 from stack_counter.bag.writer import write_bag
 from stack_counter.errors import BagError
+from stack_counter.fusion.upright import find_turn
 from stack_counter.types import UNLABELLED, UNSEEN, View
 
 _LOG = logging.getLogger(__name__)

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from stack_counter import geometry
 from stack_counter.bag.bag_views import BagViews
 from stack_counter.bag.nerfstudio import import_scene
-from stack_counter.bag.nerfstudio.leveling import find_turn
 from stack_counter.config import CollectorConfig
+from stack_counter.fusion.upright import find_turn
 
 
 @pytest.mark.parametrize("degrees", [0, 3, 40, 90, 180])
