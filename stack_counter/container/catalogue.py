@@ -172,11 +172,13 @@ def describe_container(name: str, container: TaughtContainer) -> str:
 def _parse_containers(text: str, path: Path, with_map_of: str = "") -> dict[str, TaughtContainer]:
     try:
         document = parse_yaml(text)
-        if document and "containers" not in document:
+        if not isinstance(document, dict):
+            raise ValueError(type(document).__name__)
+        if "containers" not in document:
             raise ValueError(f"{sorted(map(str, document))}")
         return {str(name): _container_from_entry(
                     entry, path.parent if str(name) == with_map_of else None)
-                for name, entry in (document.get("containers") or {}).items()}
+                for name, entry in (document["containers"] or {}).items()}
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{path} is malformed at {error}; expected 'containers: NAME:' and what "
                           "`stack-counter container teach` writes below it") from error

@@ -58,9 +58,10 @@ def rectify(view: View) -> View:
     """
     k = view.intrinsics
     check_intrinsics(k)
-    # Nothing to resample where all coefficients are zero.
+    # Nothing to resample where all coefficients are zero, or without an image: a message may then
+    # state any size.
     pinhole = replace(k, distortion_model="", distortion=())
-    if not np.any(k.distortion):
+    if not np.any(k.distortion) or (view.color is view.depth is view.labels is None):
         return replace(view, intrinsics=pinhole)
     # Where each pixel of the pinhole image lies in the distorted one.
     is_fisheye = _spelled(k.distortion_model) in _FISHEYE

@@ -49,7 +49,7 @@ def read_facts(scene: Path) -> SceneFacts:
     try:
         return SceneFacts(max(float(volume), 0.0), max(int(info.get("gt_count", 0)), 0),
                           tuple(map(float, info.get("human_guesses", ()))))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise BagError(f"{scene / 'info.json'} is malformed ({error}); expected numbers under "
                        "gt_count and unit_volume, cm3, and a list of them under "
                        "human_guesses") from error
@@ -61,6 +61,6 @@ def _read_object(path: Path) -> dict:
         value = json.loads(path.read_text())
     except FileNotFoundError:
         return {}
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise BagError(f"{path} is malformed ({error}); expected a JSON object") from error
     return value if isinstance(value, dict) else {}

@@ -59,7 +59,7 @@ def read_frames(scene: Path) -> list[Frame]:
                        + (f": rename one of {', '.join(others)}" if others else
                           ": write its poses so (docs/pictures.md)" if tool else
                           " (or pictures alone, with --reference)")) from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise BagError(f"{path} is malformed at {error}; expected nerfstudio's keys") from error
 
 
@@ -80,7 +80,7 @@ def position_scale(frame: Frame) -> float:
         if "applied_transform" in frame:
             rotation = np.array(frame["applied_transform"], float)[:3, :3]
             scale *= float(np.cbrt(np.abs(np.linalg.det(rotation))))
-    except (TypeError, ValueError, IndexError, np.linalg.LinAlgError) as error:
+    except (TypeError, ValueError, OverflowError, IndexError, np.linalg.LinAlgError) as error:
         raise BagError(f"applied_scale or applied_transform is malformed ({error}); expected a "
                        "number above 0 and a 3 x 4 matrix") from error
     if not (np.isfinite(scale) and scale > 0):
@@ -106,7 +106,7 @@ def read_pose(frame: Frame) -> np.ndarray:
     name = frame["file_path"]
     try:
         T = np.array(frame["transform_matrix"], float)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise BagError(f"{name} lacks {error}; expected a 4 x 4 transform_matrix") from error
     if T.shape not in ((3, 4), (4, 4)) or not np.isfinite(T).all():
         raise BagError(f"{name} lacks a finite transform_matrix, its shape is {T.shape}; expected "
@@ -129,7 +129,7 @@ def stated_size(frame: Frame) -> tuple[int, int] | None:
     """
     try:
         return (int(frame["w"]), int(frame["h"])) if "w" in frame and "h" in frame else None
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise BagError(f"w or h of {frame['file_path']} is malformed ({error}); expected pixels"
                        ) from error
 
@@ -143,7 +143,7 @@ def depth_unit(frame: Frame) -> float | None:
     unit = frame.get("depth_unit_scale_factor")
     try:
         return None if unit is None else float(unit)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise BagError(f"depth_unit_scale_factor is {unit!r}; expected metres in one step of "
                        "depth") from error
 
@@ -171,7 +171,7 @@ def read_intrinsics(frame: Frame, width: int, height: int) -> Intrinsics:
         return Intrinsics(width, height, fx, fy, _principal_point(frame, "cx", width),
                           _principal_point(frame, "cy", height), model,
                           _coefficients(frame, model))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise BagError(f"{name}: the calibration is malformed ({error}); expected numbers under "
                        "w, h, fl_x, fl_y, cx, cy, k1 ...") from error
 

@@ -5,7 +5,13 @@ import numpy as np
 import pytest
 from kits.nerfstudio import FLIP
 
-from stack_counter.bag.nerfstudio.transforms import position_scale, read_intrinsics, read_pose
+from stack_counter.bag.nerfstudio.transforms import (
+    depth_unit,
+    position_scale,
+    read_frames,
+    read_intrinsics,
+    read_pose,
+)
 from stack_counter.errors import BagError
 
 FRAME = {"file_path": "a.jpg", "transform_matrix": np.eye(4).tolist(), "fl_x": 500.0,
@@ -58,7 +64,8 @@ def test_a_principal_point_is_between_whole_pixels_whatever_tool_has_written_it(
     ({"w": 1280, "h": 960}, "a.jpg is 640x480 and transforms.json says 1280x960"),
     ({"k4": 0.1}, "k4 is 0.1 with a perspective"),
     ({"fl_x": 0, "fl_y": 0}, "lacks fl_x; expected it, or camera_angle_x"),
-    ({"fl_x": "wide"}, "calibration is malformed")])
+    ({"fl_x": "wide"}, "calibration is malformed"), ({"fl_x": 10**400}, "int too large"),
+    ({"w": float("inf")}, "w or h of a.jpg is malformed")])
 def test_bad_calibrations_are_named(keys, said):
     with pytest.raises(BagError, match=said):
         read_intrinsics({**FRAME, **keys}, 640, 480)
@@ -81,8 +88,21 @@ def test_an_applied_scale_is_undone_and_rigid_transforms_stay():
     ({"transform_matrix": np.full((4, 4), np.nan).tolist()}, "lacks a finite"),
     ({"transform_matrix": np.diag([2.0, 2, 2, 1]).tolist()}, "off a rotation by 3"),
     ({"transform_matrix": np.diag([1.0, 1, -1, 1]).tolist()}, "expected right-handed axes"),
+    ({"transform_matrix": [[10**400] * 4] * 4}, "lacks int too large"),
     ({"applied_scale": 0}, "scale positions by 0.0; expected"),
+    ({"applied_scale": 10**400}, "malformed"),
     ({"applied_scale": "half"}, "malformed")])
 def test_bad_poses_are_named(keys, said):
     with pytest.raises(BagError, match=said):
         read_pose({**FRAME, **keys})
+
+
+def test_a_unit_of_depth_beyond_all_numbers_is_named():
+    with pytest.raises(BagError, match="expected metres in one step"):
+        depth_unit({"depth_unit_scale_factor": 10**400})
+
+
+def test_a_file_nested_too_deeply_is_malformed(tmp_path):
+    (tmp_path / "transforms.json").write_text('{"frames": ' + "[" * 100_000)
+    with pytest.raises(BagError, match="malformed at maximum recursion"):
+        read_frames(tmp_path)
