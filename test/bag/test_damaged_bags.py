@@ -26,11 +26,13 @@ def truth(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", DAMAGED)
-def test_a_damaged_recording_is_counted_right_or_refused_in_one_line(name, truth, tmp_path):
+def test_a_damaged_recording_is_counted_right_or_refused_in_one_line(name, truth, tmp_path,
+                                                                     capsys):
     try:
         count = counted(DAMAGED[name](tmp_path))
     except StackCounterError as error:
         assert exit_code_of(error) == 3 and "\n" not in str(error)
+        assert not capsys.readouterr().err  # the line of this error is the only one
         return
     low, high = truth.count_interval
     assert low <= count.count <= high

@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Set
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass
 from functools import cached_property, partial
+from io import StringIO
 from typing import Any, Protocol
 
 import numpy as np
@@ -152,9 +153,11 @@ class TopicDecoder:
         if not self._definition or self._encoding == "ros1":
             self._require_known()
             self._definition = message_definition(self.kind)
-        decoder = DecoderFactory().decoder_for(
-            "cdr", Schema(id=1, name=self.kind, encoding="ros2msg",
-                          data=self._definition.encode()))
+        # The parser prints a line that it cannot read, beside the error that it raises.
+        with redirect_stderr(StringIO()):
+            decoder = DecoderFactory().decoder_for(
+                "cdr", Schema(id=1, name=self.kind, encoding="ros2msg",
+                              data=self._definition.encode()))
         assert decoder is not None  # for the type checker: it is for CDR and ros2msg
         return decoder
 
