@@ -92,8 +92,17 @@ class BagReader:
 
     @property
     def overrun(self) -> set[tuple[str, int]]:
-        """Camera and stamp (ns) of the views that the recorded scan had no time for."""
-        return {(camera, stamp) for camera, stamp in json.loads(self.facts.get("overrun", "[]"))}
+        """Camera and stamp (ns) of the views that the recorded scan had no time for.
+
+        Raises:
+            BagError: the recording does not list them as the collector does.
+        """
+        text = self.facts.get("overrun", "[]")
+        try:
+            return {(str(camera), int(stamp)) for camera, stamp in json.loads(text)}
+        except (TypeError, ValueError, OverflowError, RecursionError) as error:
+            raise BagError(f"the recording's metadata 'overrun' is {text[:40]!r} ({error}); "
+                           "expected a list of cameras with stamps, ns") from error
 
     @property
     def latched(self) -> set[str]:

@@ -26,7 +26,7 @@ from stack_counter.cli.common import (
     require_bag,
 )
 from stack_counter.config import Config, CounterConfig, build_section, load_config
-from stack_counter.errors import ConfigError, PartError
+from stack_counter.errors import BagError, ConfigError, PartError
 from stack_counter.files import config_path
 from stack_counter.tasks.progress import progress_bar
 from stack_counter.types import PartRequest
@@ -261,6 +261,10 @@ def _show_regions(options: argparse.Namespace, config: Config, part: Part,
 
 
 def _true_count(bag: Path) -> int | None:
-    """The count that a simulated recording states beside its data."""
+    """The count that a simulated recording states beside its data; BagError: it states none."""
     truth = bag / "truth.json"
-    return int(json.loads(truth.read_text())["count"]) if truth.is_file() else None
+    try:
+        return int(json.loads(truth.read_text())["count"]) if truth.is_file() else None
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise BagError(f"{truth} is malformed at {error}; expected a JSON object with 'count': "
+                       "mend it or remove it") from error

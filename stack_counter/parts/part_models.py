@@ -62,7 +62,7 @@ def read_models(path: Path) -> PartModels:
     except OSError as error:
         raise PartError(f"no gamma prior {path}: {error.strerror}; expected the file that "
                         "`stack-counter part add` writes") from error
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise PartError(f"{path} is no gamma prior: {error}; expected the file that "
                         "`stack-counter part add` writes") from error
 
@@ -74,8 +74,12 @@ def _model_of(values: dict) -> GammaModel:
             raise ValueError(f"{key} of shape {arrays[key].shape} (not {shape})")
     if not arrays["scores"].size:
         raise ValueError("no scores")
-    return GammaModel(volume_variance=float(values["volume_variance"]),
-                      source=str(values["source"]), **arrays)
+    variance = float(values["volume_variance"])
+    # The friction of piles of many parts is NaN: it is not known.
+    known = [numbers.ravel() for key, numbers in arrays.items() if key != "friction"]
+    if not np.isfinite(np.concatenate([*known, [variance]])).all():
+        raise ValueError("NaN or infinite numbers (finite ones needed)")
+    return GammaModel(volume_variance=variance, source=str(values["source"]), **arrays)
 
 
 def _as_lists(model: GammaModel) -> dict:

@@ -71,6 +71,15 @@ def test_a_finished_file_passes_what_checkers_of_files_ask(tmp_path, messages):
     assert BagReader(path).facts == {**FACTS, "ended": "stop_scan"}
 
 
+@pytest.mark.parametrize("text", ["[", "5", "[5]", '[["camera"]]', '[["camera", "late"]]',
+                                  '[["camera", Infinity]]', "[" * 100_000])
+def test_a_list_of_lost_views_that_is_none_is_refused(tmp_path, text):
+    Recording(tmp_path, FACTS, 0).finish({"overrun": text})
+    path, = tmp_path.iterdir()
+    with pytest.raises(BagError, match="expected a list of cameras with stamps"):
+        assert BagReader(path).overrun
+
+
 def test_a_part_file_can_be_read_up_to_its_last_image_wherever_it_is_cut(tmp_path):
     recording, ends = Recording(tmp_path, FACTS, 0), []
     part, = tmp_path.iterdir()

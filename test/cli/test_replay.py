@@ -13,6 +13,9 @@ from kits.result_schema import read_result
 from kits.station import station
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
+from stack_counter.cli.replay import _true_count
+from stack_counter.errors import BagError
+
 UNIT = ["--unit-volume-cm3", "1.5"]
 
 
@@ -52,6 +55,13 @@ def test_count_and_every_key_of_the_json(tmp_path, capsys):
     assert {p.name for p in (tmp_path / "report").iterdir()} == {
         "report.html", "result.json", "top_surface.png", "key_view.png", "container.png",
         "surface.png", "surface.glb", "surface.ply"}
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"count": Infinity}', "[" * 100_000])
+def test_a_stated_count_that_is_none_is_refused(tmp_path, text):
+    (tmp_path / "truth.json").write_text(text)
+    with pytest.raises(BagError, match="truth.json is malformed at .*mend it or remove it"):
+        _true_count(tmp_path)
 
 
 def test_live_has_an_entry_for_each_view_used(tmp_path, capsys):

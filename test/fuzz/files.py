@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from kits.known_parts import COUNTED
+from kits.known_parts import COUNTED, gamma_model
 from kits.nerfstudio import add_images, make_scene
 
 from stack_counter.bag.nerfstudio import import_scene
@@ -22,6 +22,7 @@ from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall
 from stack_counter.errors import ConfigError
 from stack_counter.files import config_path
 from stack_counter.parts.catalogue import Part, load_parts, remove_part, save_part
+from stack_counter.parts.part_models import PartModels, read_models
 from stack_counter.segmentation.prompts import read_prompts
 from stack_counter.teaching.part_mesh import load_part_mesh
 from stack_counter.types import InnerMap
@@ -56,6 +57,15 @@ def use_parts(path):
     assert {**before, "new part": Part(1e-6, "new part")} == load_parts(path)
     remove_part("new part", path)
     assert {name: part for name, part in before.items() if name != "new part"} == load_parts(path)
+
+
+def gamma_priors(folder):
+    PartModels("network 7", gamma_model(), gamma_model(0.2), "64 piles").write(folder / "a.json")
+    return [(folder / "a.json").read_bytes()]
+
+
+def use_gamma_prior(path):
+    read_models(path)
 
 
 def container_catalogues(folder):

@@ -29,6 +29,7 @@ from stack_counter.bag.bag_views import SCALE_TOPIC, BagViews, read_views, with_
 from stack_counter.bag.camera_topics import fit_rig_to_bag
 from stack_counter.bag.formats.recording_file import TopicDecoder
 from stack_counter.bag.info import describe_bag
+from stack_counter.bag.scan_file import Received, Recording
 from stack_counter.config import CollectorConfig, Config, CounterConfig
 from stack_counter.types import Intrinsics
 from stack_counter.views.rig import load_rig
@@ -73,12 +74,22 @@ def bags(*names):
 
 
 def mcap_files():
-    """The recording without chunks, in chunks without check sums, and as recorders write it."""
+    """The recording without chunks, in chunks without check sums, and as recorders write it.
+
+    The last one is our own recorder's, with what the scan had no time for.
+    """
     plain = {"compression": CompressionType.NONE, "enable_crcs": False}
     for depth, options in ((None, {"use_chunking": False}), (None, plain), (png, {}),
                            (rvl, {"definitions": True})):
         with tempfile.TemporaryDirectory() as folder:
             yield bare_mcap(Path(folder) / "a.mcap", messages(depth), **options).read_bytes()
+    with tempfile.TemporaryDirectory() as folder:
+        recording = Recording(Path(folder), {"scan_id": "a"}, 0)
+        for stamp, topic, kind, data in messages():
+            recording.write(Received(topic, kind, data, stamp, stamp))
+        recording.finish({"overrun": '[["camera", 5]]'})
+        path, = Path(folder).iterdir()
+        yield path.read_bytes()
 
 
 def use_bag(path):
@@ -86,6 +97,7 @@ def use_bag(path):
     bag = BagViews(path, CollectorConfig())
     with_scale_of_bag(Config(), bag.reader)
     BagScale(bag.reader, COUNTER).weighing_at(2 * 10**9)
+    assert isinstance(bag.reader.overrun, set)
     for _ in bag:
         pass
     describe_bag(path, Config())

@@ -91,6 +91,7 @@ TARGETS = {
     "settings": _yaml(lambda _: [files.config_path("stack_counter.yaml").read_bytes()],
                       files.use_settings),
     "parts": _yaml(files.part_catalogues, files.use_parts),
+    "gamma_prior": Target("a.json", files.gamma_priors, files.use_gamma_prior, json.loads),
     "containers": _yaml(files.container_catalogues, files.use_containers),
     "rig": _yaml(lambda _: [files.config_path("rig_example.yaml").read_bytes()], files.use_rig),
     "prompts": _yaml(lambda _: [files.PROMPTS, b'{"parts": {"boxes": [[1, 2, 3, 4]]}}'],

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A part's models survive their file; another file is refused."""
 
+import re
+
 import numpy as np
 import pytest
 from kits.known_parts import gamma_model
@@ -30,3 +32,13 @@ def test_another_file_is_refused(tmp_path, text):
         read_models(path)
     with pytest.raises(PartError, match="no gamma prior"):
         read_models(tmp_path / "none.json")
+
+
+@pytest.mark.parametrize("number, said", [
+    ("NaN", "NaN or infinite"), ("1" + "0" * 400, "int too large"), ("[" * 100_000, "recursion")])
+def test_a_prior_of_numbers_that_are_none_is_refused(number, said, tmp_path):
+    path = tmp_path / "a.json"
+    PartModels("network 7", gamma_model(), gamma_model(0.2), "64 piles").write(path)
+    path.write_text(re.sub('(?<="volume_variance": )[^,}]+', number, path.read_text(), count=1))
+    with pytest.raises(PartError, match=f"is no gamma prior: .*{said}"):
+        read_models(path)
