@@ -57,8 +57,8 @@ def build_section(section: type[Settings], values: Mapping[str, Any]) -> Setting
     checked: dict[str, Any] = {}
     for name, value in values.items():
         if name not in fields:
-            near = nearest_name(name, fields)
-            raise ConfigError(f"unknown setting '{name}'; expected "
+            near = nearest_name(str(name), fields)  # in YAML a name may be a number, or nothing
+            raise ConfigError(f"unknown setting {name!r}; expected "
                               + (f"'{near}'" if near else f"one of {sorted(fields)}"))
         read = fields[name].metadata["read"]
         try:

@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from stack_counter.container.construction import SETTINGS as CONSTRUCTION_SETTINGS
 from stack_counter.errors import ConfigError
+from stack_counter.files import decode_image
 from stack_counter.types import Container, InnerMap
 
 
@@ -144,11 +145,11 @@ def read_inner_map(path: Path, pitch: float) -> InnerMap:
         ConfigError: the file is missing, or is no such picture.
     """
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
+        content = path.read_bytes()
     except OSError as error:
         raise ConfigError(f"no inner surface {path}: {error.strerror}; expected the file that "
                           "`stack-counter container teach NAME --mesh FILE` wrote") from error
-    steps = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    steps = decode_image(content, cv2.IMREAD_UNCHANGED)
     if steps is None or steps.dtype != np.uint16 or steps.ndim != 2 or not steps.any():
         raise ConfigError(f"{path} is no inner surface; expected the 16-bit grey PNG that "
                           "`stack-counter container teach NAME --mesh FILE` wrote")

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from stack_counter.errors import BagError, ConfigError
+from stack_counter.files import decode_image
 
 _LOG = logging.getLogger(__name__)
 _HEIF = (".heic", ".heif")
@@ -137,7 +138,7 @@ def read_labels(picture: Picture) -> np.ndarray | None:
     """
     if picture.labels_path is None:
         return None
-    labels = cv2.imread(str(picture.labels_path), cv2.IMREAD_GRAYSCALE)
+    labels = decode_image(picture.labels_path.read_bytes(), cv2.IMREAD_GRAYSCALE)
     if labels is None:
         raise BagError(f"{picture.labels_path} does not decode; expected a grey label image")
     if labels.shape != (picture.height, picture.width):

@@ -38,6 +38,8 @@ def test_one_file_may_set_up_both(tmp_path):
     ("mqtt: {}\nmodbus: {}", "expected a section"), ("mqtt: {", "is no YAML"),
     ("mqtt: 5", "mqtt is 5; expected settings"), ("mqtt: {qos: 3}", "qos is 3; expected 0 to 2"),
     ("mqtt: {password: x}", "unknown setting 'password'; expected one of"),
+    ("mqtt: {null: x}", "unknown setting None; expected one of"),
+    ('mqtt: {"a\\nb": x}', "unknown setting 'a"),
     ("mqtt: {port: '1883'}", "port is '1883'; expected int"),
     ("mqtt: {topic: 'a/#'}", "expected a topic without"),
     ("mqtt: {ca_file: ca.pem}", "expected tls: true"),

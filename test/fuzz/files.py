@@ -4,12 +4,15 @@
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import trimesh
 from kits.known_parts import COUNTED, gamma_model
 from kits.nerfstudio import add_images, make_scene
 
 from stack_counter.bag.nerfstudio import import_scene
+from stack_counter.bag.nerfstudio.images import read_cutouts, read_depth, read_grey, read_jpeg
+from stack_counter.bridges.settings import load_bridges
 from stack_counter.config import CollectorConfig, ReconstructorConfig, load_config
 from stack_counter.container.catalogue import (
     TaughtContainer,
@@ -18,8 +21,9 @@ from stack_counter.container.catalogue import (
     load_containers,
     save_container,
 )
+from stack_counter.container.inner_map import read_inner_map
 from stack_counter.container.wall_shapes import BoxWall, FreeWall, RoundWall
-from stack_counter.errors import ConfigError
+from stack_counter.errors import ConfigError, StackCounterError
 from stack_counter.files import config_path
 from stack_counter.parts.catalogue import Part, load_parts, remove_part, save_part
 from stack_counter.parts.part_models import PartModels, read_models
@@ -149,6 +153,29 @@ def use_scene(path):
     shutil.copyfile(path, scene / "transforms.json")
     shutil.rmtree(out, ignore_errors=True)
     import_scene(scene, out)
+
+
+def image_files(_):
+    """Pictures, depth, labels and cutouts of a few pixels, as PNG and JPEG."""
+    grey = np.random.default_rng(0).integers(0, 255, (6, 8), np.uint8)
+    images = (grey, np.dstack([grey] * 3), np.dstack([grey] * 4), grey.astype(np.uint16) * 9)
+    return [cv2.imencode(".png", image)[1].tobytes() for image in images] + [
+        cv2.imencode(".jpg", image)[1].tobytes() for image in images[:2]]
+
+
+def use_image(path):
+    """Reads an image as a picture, and as all else that an image file may be."""
+    for read in (lambda: read_depth(path, (8, 6), None), lambda: read_grey(path, (8, 6)),
+                 lambda: read_cutouts(path, None, (8, 6)), lambda: read_inner_map(path, 0.01)):
+        try:
+            read()
+        except StackCounterError:  # it is another kind of image
+            pass
+    read_jpeg(path)
+
+
+def use_bridges(path):
+    load_bridges(path)
 
 
 def use_settings(path):

@@ -94,6 +94,9 @@ TARGETS = {
     "gamma_prior": Target("a.json", files.gamma_priors, files.use_gamma_prior, json.loads),
     "containers": _yaml(files.container_catalogues, files.use_containers),
     "rig": _yaml(lambda _: [files.config_path("rig_example.yaml").read_bytes()], files.use_rig),
+    "bridges": _yaml(lambda _: [files.config_path(f"{name}.yaml").read_bytes()
+                                for name in ("mqtt", "opcua")], files.use_bridges),
+    "image": Target("a.png", files.image_files, files.use_image),
     "prompts": _yaml(lambda _: [files.PROMPTS, b'{"parts": {"boxes": [[1, 2, 3, 4]]}}'],
                      files.use_prompts),
     "transforms": Target("a.json", files.transform_files, files.use_scene, json.loads),

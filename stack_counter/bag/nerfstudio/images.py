@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from stack_counter.errors import BagError
+from stack_counter.files import decode_image
 from stack_counter.types import CONTAINER, PARTS
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
@@ -89,7 +90,7 @@ def read_jpeg(path: Path, stated: tuple[int, int] | None = None
 
 def _decode(path: Path, content: bytes, how: int) -> np.ndarray:
     """(h, w, 3) uint8 BGR of a picture file's content. Raises BagError: it does not decode."""
-    image = cv2.imdecode(np.frombuffer(content, np.uint8), how) if content else None
+    image = decode_image(content, how)
     if image is None:
         raise BagError(f"{path} does not decode; expected a picture of "
                        f"{', '.join(PICTURE_SUFFIXES)}: convert it")
@@ -144,7 +145,7 @@ def _read_numbers(path: Path) -> np.ndarray:
         except (ValueError, OSError, EOFError, OverflowError) as error:
             raise BagError(f"{path} does not decode ({error}); expected an array") from error
     else:
-        raw = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        raw = decode_image(path.read_bytes(), cv2.IMREAD_UNCHANGED)
         if raw is None:
             raise BagError(f"{path} does not decode; expected a depth image")
     if raw.ndim != 2 or raw.dtype == np.uint8 or not np.issubdtype(raw.dtype, np.number):
@@ -163,8 +164,8 @@ def read_grey(path: Path, size: tuple[int, int]) -> np.ndarray:
     Raises:
         BagError: it does not decode, or is of another size.
     """
-    return _of_size(path, cv2.imread(str(path), cv2.IMREAD_GRAYSCALE
-                                     | cv2.IMREAD_IGNORE_ORIENTATION), size)
+    return _of_size(path, decode_image(path.read_bytes(), cv2.IMREAD_GRAYSCALE
+                                       | cv2.IMREAD_IGNORE_ORIENTATION), size)
 
 
 def read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
@@ -181,7 +182,7 @@ def masks_are_labels(paths: list[Path]) -> bool:
     """Whether images hold labels 0, 1 and 2, some of them parts, and not masks of 0 and 255."""
     highest = 0
     for path in paths:
-        grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        grey = decode_image(path.read_bytes(), cv2.IMREAD_GRAYSCALE)
         highest = max(highest, 0 if grey is None else int(grey.max()))
     return highest == PARTS
 
@@ -201,7 +202,7 @@ def read_cutouts(parts: Path, container: Path | None, size: tuple[int, int]) -> 
     for path, label in ((container, CONTAINER), (parts, PARTS)):
         if path is None:
             continue
-        image = _of_size(path, cv2.imread(str(path), cv2.IMREAD_UNCHANGED), size)
+        image = _of_size(path, decode_image(path.read_bytes(), cv2.IMREAD_UNCHANGED), size)
         if image.ndim != 3 or image.shape[2] != 4:
             raise BagError(f"{path} has no alpha channel; expected one that shows the parts")
         labels[image[..., 3] > np.iinfo(image.dtype).max // 2] = label
