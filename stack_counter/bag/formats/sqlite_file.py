@@ -78,10 +78,13 @@ class SqliteFile:
 
     def _read_latched(self) -> set[str]:
         """Topics of publishers who offered old messages; unknown before ROS 2 Foxy."""
-        with suppress(sqlite3.OperationalError):
+        try:
             return {topic for topic, profiles in self._database.execute(
                 "SELECT name, offered_qos_profiles FROM topics") if is_latched(str(profiles))}
-        return set()
+        except sqlite3.DatabaseError as error:
+            # There is no such column, or its part of the file is damaged.
+            self.truncated = not isinstance(error, sqlite3.OperationalError)
+            return set()
 
     def _list_rows(self) -> np.ndarray:
         """Number, topic and log time (ns) of all messages, by time; of equal times, as written."""
