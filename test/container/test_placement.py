@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A taught bin is found where it stands: a box of walls in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -8,12 +10,17 @@ from kits.analytic import Scene
 
 from stack_counter.config import ReconstructorConfig
 from stack_counter.container.catalogue import TaughtContainer
-from stack_counter.container.placement import place_container
+from stack_counter.container.placement import (
+    SETTINGS,
+    PlacedWall,
+    _sunk_depth,
+    place_container,
+)
 from stack_counter.container.wall_shapes import BoxWall, FreeWall
 from stack_counter.errors import ScanError
 from stack_counter.fusion.region import Region
 from stack_counter.fusion.surface import FusedSurface
-from stack_counter.types import Mesh
+from stack_counter.types import HeightMap, InnerMap, Mesh
 
 INNER, WALL, FLOOR, FILL = (0.24, 0.16, 0.1), 0.008, 0.005, 0.03
 RIM = FLOOR + INNER[2]
@@ -66,6 +73,24 @@ def test_another_size_or_height_is_not_found():
     for other in (larger, lower):
         with pytest.raises(ScanError, match="expected 75%|walls below"):
             place(other, (0.0, 0.0, 0.3))
+
+
+def test_half_a_turn_sinks_the_surface_into_a_ledge():
+    """The ledge is 0.05 m high and takes a sixth of the container, at its end of +x."""
+    heights = np.full((80, 120), FLOOR, np.float32)
+    heights[:, 100:] = 0.05
+    taught = replace(TAUGHT, inner_map=InnerMap(0.002, heights))
+    corner = np.eye(4)
+    corner[:2, 3] = -0.12, -0.08
+    seen = HeightMap(corner, 0.002, heights)
+    right, turned = (_sunk_depth(PlacedWall(np.array([0, 0, yaw]), TAUGHT.wall_shape), taught,
+                                 seen, 0.0) for yaw in (0.0, np.pi))
+    assert right == 0
+    # All but the margin beside the ledge is sunk by its height less the margin.
+    margin = SETTINGS.sunk_margin
+    depth = 0.05 - FLOOR - margin
+    assert (20 - margin / 0.002 - 2) / 120 * depth < turned < 20 / 120 * depth
+    assert _sunk_depth(PlacedWall(np.zeros(3), TAUGHT.wall_shape), TAUGHT, seen, 0.0) == 0
 
 
 def test_a_given_pose_is_used_and_the_plane_follows_the_rim():

@@ -26,6 +26,14 @@ def test_an_oblique_plane_lies_where_the_depth_image_says(turn):
     assert heights.mean() == pytest.approx(0, abs=3e-4)
 
 
+def test_what_too_few_views_have_seen_is_no_surface():
+    view = Scene().view(geometry.look_at(np.array([0, 0, 1.2]), np.zeros(3)))
+    tsdf = Tsdf(0.004, 4.0, 3.0, 20.0, 1000.0)
+    tsdf.integrate(view.depth, view.depth > 0, view.intrinsics, view.T_world_camera)
+    assert len(tsdf.extract_triangle_mesh(1).triangles)
+    assert not len(tsdf.extract_triangle_mesh(2).triangles)
+
+
 def test_a_view_of_nothing_to_keep_only_carves():
     view = Scene().view(geometry.look_at(np.array([0, 0, 1.2]), np.zeros(3)))
     tsdf = Tsdf(0.002, 4.0, 3.0, 20.0, 1000.0)

@@ -11,8 +11,9 @@ from kits.surfaces import sine_hills, stack_volume_of_heights
 from stack_counter.config import CounterConfig
 from stack_counter.counting import make_count
 from stack_counter.errors import ScanError, WeightsError
+from stack_counter.files import write_weights as write_weights_file
 from stack_counter.occupancy import make_estimator
-from stack_counter.occupancy.baselines import Baselines, Prior
+from stack_counter.occupancy.baselines import FORMAT, Baselines, Prior
 from stack_counter.occupancy.checkpoint import save_members
 from stack_counter.occupancy.gamma_net import GammaNet, NetConfig
 from stack_counter.occupancy.known_form import known_values
@@ -22,7 +23,15 @@ from stack_counter.occupancy.resolution import resolution_values
 from stack_counter.occupancy.weights_file import save_tuning
 from stack_counter.parts.catalogue import Part
 from stack_counter.parts.informed_gamma import estimate_occupancy, estimator_of_part
-from stack_counter.types import Container, KnownForm, MeshMeasures, Reason
+from stack_counter.types import (
+    PARTS,
+    Container,
+    Intrinsics,
+    KeyView,
+    KnownForm,
+    MeshMeasures,
+    Reason,
+)
 
 V = 0.012**3
 # Nothing is known of the part, nor how finely the surface was measured.
@@ -116,6 +125,35 @@ def test_without_depth_the_prior_answers(weights):
     assert estimate.estimator.startswith("prior") and "no_depth" in estimate.reasons
 
 
+def test_a_key_view_alone_is_read_with_a_wider_interval(weights):
+    """The same hills from straight above; pixels are as far apart as the cells of the map."""
+    whole = stack_volume_of_heights(sine_hills(1.0))
+    heights = whole.top.heights
+    rows, cols = heights.shape
+    camera = Intrinsics(cols, rows, 1.0 / whole.top.pitch, 1.0 / whole.top.pitch,
+                        (cols - 1) / 2, (rows - 1) / 2)
+    view = KeyView(0, camera, np.eye(4), heights.size, np.full(heights.shape, PARTS, np.uint8),
+                   1.0 - heights)
+    estimate = network(weights).estimate(
+        stack_volume_of_heights(None, kind="hull", key_view=view), V)
+    of_map = network(weights).estimate(whole, V)
+    assert estimate.estimator == "network test" and Reason.SINGLE_VIEW in estimate.reasons
+    assert estimate.gamma_std / estimate.gamma > of_map.gamma_std / of_map.gamma
+
+
+def test_depth_from_colour_is_refused_beside_a_network_that_reads_heights(weights, tmp_path):
+    with pytest.raises(WeightsError, match="beside a network that reads heights in part lengths"):
+        NetworkEstimator(weights, Prior(Baselines()), depth_folder=tmp_path)
+
+
+def test_baselines_of_other_shapes_are_refused(tmp_path):
+    tensors = {"line": np.zeros(3), "prior": np.zeros(2), "ratios_corrected": np.zeros(1),
+               "ratios_extrapolated": np.zeros(1), "ratios_prior": np.zeros(1)}
+    write_weights_file(tmp_path / "b.safetensors", FORMAT, tensors, {})
+    with pytest.raises(WeightsError, match=r"line is .* expected numbers of shape \(2,\)"):
+        Baselines(tmp_path / "b.safetensors")
+
+
 def test_an_empty_container_needs_no_gamma(weights):
     assert (
         network(weights)
@@ -171,6 +209,9 @@ def test_tuned_layers_of_another_network_are_refused(weights, tmp_path):
         network(weights).tuned(weights)
     with pytest.raises(WeightsError, match="no weights file"):
         network(weights).tuned(tmp_path / "none")
+    write_weights_file(path, "stack_counter tuning 1", {"weight": np.zeros((2, 16))}, {"of": "x"})
+    with pytest.raises(WeightsError, match="expected weight, bias and the name"):
+        network(weights).tuned(path)
 
 
 def test_a_part_with_tuned_layers_is_counted_by_them(weights, tmp_path):

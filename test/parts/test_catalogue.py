@@ -11,6 +11,8 @@ from stack_counter.parts.catalogue import Part, load_parts, remove_part, save_pa
 from stack_counter.parts.part_lookup import check_names_a_part, resolve_part
 from stack_counter.parts.part_models import PartModels
 from stack_counter.types import KnownLevel, MeshMeasures, PartRequest
+from stack_counter.weighing.joined_count import SETTINGS as WEIGHING
+from stack_counter.weighing.joined_count import PieceWeight
 
 
 def test_a_part_survives_the_file(tmp_path):
@@ -33,6 +35,19 @@ def test_a_part_survives_the_file(tmp_path):
     assert set(load_parts(path)) == {"other"}
     with pytest.raises(PartError, match="unknown part 'nut: #1'; expected one of"):
         remove_part("nut: #1", path)
+
+
+@pytest.mark.parametrize("std_kg, pieces", [(2e-5, 50), (1e-4, 1)])
+def test_the_weight_of_a_piece_survives_the_file(tmp_path, std_kg, pieces):
+    weight = PieceWeight(4.7e-3, std_kg, pieces)
+    save_part(Part(6e-6, "nut", piece_weight=weight), tmp_path / "parts.yaml")
+    assert load_parts(tmp_path / "parts.yaml")["nut"].piece_weight == weight
+
+
+def test_a_weight_alone_has_the_usual_spread_and_number_of_pieces(tmp_path):
+    (tmp_path / "parts.yaml").write_text("parts: {a: {unit_volume_cm3: 1, piece_weight_g: 2}}")
+    weight = load_parts(tmp_path / "parts.yaml")["a"].piece_weight
+    assert weight == PieceWeight(2e-3, 2e-3 * WEIGHING.piece_std_share)
 
 
 USERS = """\
@@ -91,6 +106,11 @@ def test_what_could_not_be_read_again_is_not_written(tmp_path):
     ("parts: {a: {unit_volume_cm3: true}}", "'a': unit_volume_cm3 True"),
     ("parts: {a: {unit_volume_cm3: 1, friction: [a, 1]}}", "'a': friction 'a'"),
     ("parts: {a: {unit_volume_cm3: 1, friction: [0.2, 3]}}", "'a': friction [0.2, 3]"),
+    ("parts: {a: {unit_volume_cm3: 1, friction: 0.2}}", "friction 0.2 (least and most needed)"),
+    ("parts: {a: {unit_volume_cm3: 1, piece_weight_sd_g: 1}}", "without piece_weight_g"),
+    ("parts: {a: {unit_volume_cm3: 1, piece_weight_g: 0}}", "a weight above 0"),
+    ("parts: {a: {unit_volume_cm3: 1, piece_weight_g: 2, piece_weight_pieces: 1.5}}",
+     "piece_weight_g 2 of 1.5 pieces"),
     ("parts: {a: {unit_volume_cm3: 1, friction: [0, 0.2]}}", "'a': friction [0, 0.2]"),
     ("parts: {a: {unit_volume_cm3: 1, size_mm: 5}}", "'a': size_mm 5"),
     ("parts: {a: {unit_volume_cm3: 1, size_mm: [10, 10, 0]}}", "'a': size_mm [10, 10, 0]"),

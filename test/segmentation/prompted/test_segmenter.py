@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from kits.painted import SMALL, marks, painted, unlabelled
 
+from stack_counter import geometry
 from stack_counter.config import ReconstructorConfig
 from stack_counter.errors import ConfigError, ScanError, ViewError
 from stack_counter.pipeline import StackCounter
-from stack_counter.segmentation.prompted.segmenter import PromptedSegmenter
+from stack_counter.segmentation.prompted.segmenter import PromptedSegmenter, _shrink_view
 from stack_counter.segmentation.prompts import parse_prompts
-from stack_counter.types import CONTAINER, PARTS
+from stack_counter.types import CONTAINER, PARTS, Intrinsics, View
 
 
 def iou(found, true):
@@ -47,6 +48,22 @@ def test_points_do_without_boxes():
     found = PromptedSegmenter(ReconstructorConfig()).segment_views(unlabelled(views), prompts)
     for view, labels in zip(views, found):
         assert iou(labels == PARTS, view.labels == PARTS) > outline_bound(view.labels, PARTS)
+
+
+def test_a_large_view_is_made_smaller_with_its_calibration():
+    """What a pixel shows lies on the same ray, and a depth is one that was measured."""
+    k = Intrinsics(1920, 1080, 1400.0, 1410.0, 955.0, 545.0)
+    depth = np.where(np.arange(1920) < 960, 0.5, 0.9).astype(np.float32) * np.ones((1080, 1))
+    view = View(0, k, np.eye(4), np.zeros((1080, 1920, 3), np.uint8), depth.astype(np.float32),
+                np.zeros((1080, 1920), np.uint8))
+    small = _shrink_view(view)
+    assert small.color.shape == (360, 640, 3) and small.labels is None
+    assert (small.intrinsics.width, small.intrinsics.height) == (640, 360)
+    assert set(np.unique(small.depth)) == {np.float32(0.5), np.float32(0.9)}
+    points = np.array([[0.1, -0.2, 1.0], [-0.3, 0.1, 0.8]])
+    (large, _), (shrunk, _) = (geometry.project(points, v.intrinsics) for v in (view, small))
+    assert shrunk + 0.5 == pytest.approx((large + 0.5) / 3)
+    assert _shrink_view(small) is small
 
 
 def labelled_by_pipeline(views, prompts, **settings):
