@@ -13,8 +13,8 @@
 SHELL := bash
 DEMO := .venv/bin/stack-counter replay bags/demo
 # Tests of the core, from views to the count, and of bags, which drive all of it.
-CORE := test/test_*.py $(addprefix test/,views fusion display occupancy container segmentation \
-	multiview reconstruction parts weighing tasks bag)
+CORE := test/test_*.py $(addprefix test/,config geometry views fusion display occupancy visible_parts \
+	container segmentation multiview reconstruction parts weighing tasks bag)
 # Puts this package's messages on the paths where ROS 2 is sourced; does nothing elsewhere.
 IN_VENV := source .venv/ros.bash &&
 

@@ -127,16 +127,6 @@ def read_text(path: Path) -> str:
                           f"0x{error.object[error.start]:02x}; expected UTF-8") from error
 
 
-def decode_image(content: bytes, how: int) -> np.ndarray | None:
-    """Pixels of an image file's content by OpenCV's flags `how`; None where it does not decode."""
-    import cv2  # most commands read no image
-
-    try:
-        return cv2.imdecode(np.frombuffer(content, np.uint8), how) if content else None
-    except cv2.error:  # it states more pixels than OpenCV takes
-        return None
-
-
 def write_atomically(path: Path, text: str) -> None:
     """Replaces a file in one step: whoever reads meanwhile finds the old text or the new.
 

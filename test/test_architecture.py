@@ -2,6 +2,7 @@
 """Who may import what: one table, a ladder in which no circle can be written (CONTRIBUTING.md)."""
 
 import ast
+import configparser
 import graphlib
 import json
 import re
@@ -14,8 +15,8 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "stack_counter"
 
 # The ground: each may import those before it.
-GROUND = ("errors", "types", "config", "geometry", "files", "pretrained", "inference", "counting",
-          "weighing", "tasks")
+GROUND = ("errors", "types", "config", "geometry", "files", "images", "pretrained", "inference",
+          "counting", "weighing", "tasks")
 # Package -> which others it may import besides the ground; only what stands above it here.
 LAYERS = {
     "lean_open3d": (), "views": ("lean_open3d",), "fusion": ("lean_open3d",), "display": (),
@@ -209,6 +210,17 @@ def test_a_violation_is_noticed(path, line):
 ])
 def test_what_is_allowed_passes(path, line):
     assert violations(line, Path(path)) == []
+
+
+def test_coverage_runs_the_tests_of_every_package_that_it_measures():
+    settings = configparser.ConfigParser()
+    settings.read(PACKAGE.parent / "setup.cfg")
+    omitted = re.findall(r"stack_counter/(\w+)/", settings["coverage:run"]["omit"])
+    makefile = (PACKAGE.parent / "Makefile").read_text().replace("\\\n", " ")
+    run = set(re.search(r"^CORE := .*addprefix test/,(.*)\)", makefile, re.MULTILINE)[1].split())
+    measured = {path.name for path in PACKAGE.iterdir() if path.is_dir()} - {*omitted}
+    tested = {path.name for path in (PACKAGE.parent / "test").iterdir() if path.is_dir()}
+    assert {"geometry", "container"} <= measured and measured & tested <= run <= tested
 
 
 def test_the_core_loads_no_ros_bags_or_engine():

@@ -1,18 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Weights and images are read by one function each; files that users edit keep their comments."""
+"""Weights are read by one function; files that users edit keep their comments."""
 
 import pickle
-import struct
-import zlib
 
-import cv2
 import numpy as np
 import pytest
 
 from stack_counter.errors import ConfigError, WeightsError
 from stack_counter.files import (
     config_path,
-    decode_image,
     edit_yaml_entry,
     parse_yaml,
     read_weights,
@@ -73,15 +69,6 @@ def test_numbers_that_are_not_finite_are_refused(tmp_path, bad):
     ("gamma.safetensors", "stack_counter gamma 1"), ("wall.safetensors", "stack_counter wall 1")])
 def test_shipped_weights_can_be_read(name, file_format):
     assert read_weights(shipped_weights(name), file_format).tensors
-
-
-def test_what_is_no_image_or_states_more_pixels_than_opencv_takes_does_not_decode():
-    content = cv2.imencode(".png", np.eye(3, dtype=np.uint8))[1].tobytes()
-    assert np.array_equal(decode_image(content, cv2.IMREAD_UNCHANGED), np.eye(3))
-    head = b"IHDR" + struct.pack(">II", 40_000, 40_000) + content[24:29]
-    huge = content[:12] + head + struct.pack(">I", zlib.crc32(head)) + content[33:]
-    for other in (b"", b"none", content[:20], huge):
-        assert decode_image(other, cv2.IMREAD_UNCHANGED) is None
 
 
 def test_a_file_is_replaced_whole_and_nothing_is_left_beside_it(tmp_path):

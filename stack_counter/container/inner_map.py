@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from stack_counter.container.construction import SETTINGS as CONSTRUCTION_SETTINGS
 from stack_counter.errors import ConfigError
-from stack_counter.files import decode_image
+from stack_counter.images import decode_image
 from stack_counter.types import Container, InnerMap
 
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from stack_counter.errors import BagError, ConfigError
-from stack_counter.files import decode_image
+from stack_counter.images import decode_image
 
 _LOG = logging.getLogger(__name__)
 _HEIF = (".heic", ".heif")

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from stack_counter.errors import BagError
-from stack_counter.files import decode_image
+from stack_counter.images import decode_image
 from stack_counter.types import CONTAINER, PARTS
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")

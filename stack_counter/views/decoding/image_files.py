@@ -9,9 +9,8 @@ import struct
 import imagesize
 
 from stack_counter.errors import ViewError
+from stack_counter.images import find_png_chunk_beyond
 from stack_counter.views.decoding.pixels import MAX_PIXELS, is_camera_size
-
-_PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def check_stated_size(data: bytes | memoryview, name: str, most: int = MAX_PIXELS) -> None:
@@ -36,16 +35,6 @@ def check_stated_size(data: bytes | memoryview, name: str, most: int = MAX_PIXEL
     if not is_camera_size(width, height, most):
         raise ViewError("bad_image", f"{width}x{height} pixels in {len(data)} bytes of '{name}'; "
                                      f"expected 1 to {most} pixels")
-    if bytes(data[:len(_PNG)]) == _PNG:
-        _check_png_chunks(data, name)
-
-
-def _check_png_chunks(data: bytes | memoryview, name: str) -> None:
-    """Refuses a PNG file with a chunk longer than the file: OpenCV would make room for it."""
-    at = len(_PNG)
-    while at + 8 <= len(data) and bytes(data[at + 4:at + 8]) != b"IEND":
-        length = int.from_bytes(data[at:at + 4], "big")
-        at += length + 12  # with length, kind and check sum
-        if at > len(data):
-            raise ViewError("bad_image", f"a chunk of {length} bytes in {len(data)} bytes of "
-                                         f"'{name}'; expected a whole PNG image")
+    if (length := find_png_chunk_beyond(data)) is not None:
+        raise ViewError("bad_image", f"a chunk of {length} bytes in {len(data)} bytes of "
+                                     f"'{name}'; expected a whole PNG image")
