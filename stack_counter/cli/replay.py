@@ -105,6 +105,7 @@ def _replay(options: argparse.Namespace) -> int:
     shape = load_arranged_shape(options, config, part)
     chosen_time_range(options)  # raises what is wrong with it
     require_bag(options.bag)
+    true_count = _true_count(options.bag)
     if options.nodes:
         from stack_counter.occupancy import make_estimator
 
@@ -123,7 +124,7 @@ def _replay(options: argparse.Namespace) -> int:
     if config.reconstructor.regions:
         _show_regions(options, config, part, results)
     else:
-        _show_result(options, config, part, results[0], shape)
+        _show_result(options, config, part, results[0], shape, true_count)
     return 0
 
 
@@ -220,17 +221,17 @@ def _cycle_text(entry: dict[str, Any]) -> str:
 
 
 def _show_result(options: argparse.Namespace, config: Config, part: Part, result: Replayed,
-                 shape: Shape | None) -> None:
+                 shape: Shape | None, true_count: int | None) -> None:
     """Prints and writes the one result of a scan without named regions.
 
     `shape`: of the part where an arrangement is asked for; the report is there before it is.
+    `true_count`: where the bag states one.
     """
     from stack_counter.display.page.subject import report_subject
     from stack_counter.display.report import as_dict, as_text, write_report
 
     count = result.count
     assert count is not None  # for the type checker: without one there is a ScanError
-    true_count = _true_count(options.bag)
     print(as_text(count, true_count))
     if options.json:
         options.json.write_text(json.dumps(as_dict(count, result.counts), indent=2) + "\n")

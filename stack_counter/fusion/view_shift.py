@@ -29,7 +29,8 @@ class ShiftSettings:
     Attributes:
         stride: pixels from one point of a surface to the next.
         max_points: largest number of points of one view that are held against the other, about.
-        max_pairs: largest number of pairs of successive views that are compared.
+        max_pairs: largest number of pairs of successive views that are compared; of more, views in
+            between are left out, so that what moves lies between two pairs whatever their number.
         gate_m: largest distance of two points that are taken for the same, m.
         kernel_m: distance from a plane at which a point's weight is one half, m.
         kernel_noise: the same in standard deviations of a depth point; the larger holds.
@@ -68,7 +69,8 @@ class Agreement:
 
     Attributes:
         median_m: median of the shifts between them, m.
-        some_m: that, or a share of the largest shifts where some views lie far from the others, m.
+        some_m: that, or `of_second_largest` of the second largest shift where this is more, m:
+            a view or a group of views may lie far from the others.
     """
 
     median_m: float = 0.0
@@ -82,10 +84,9 @@ def measure_agreement(views: list[View], region: Region) -> Agreement:
         views: with depth.
         region: where the stack is, with the noise of single depth points.
     """
-    pairs = pair_views(len(views), 1)
-    every = max(1, -(-len(pairs) // SETTINGS.max_pairs))
-    shifts = [measure_shift(views[first], views[second], region)
-              for first, second in pairs[::every]]
+    some = views[::max(1, -(-len(views) // SETTINGS.max_pairs))]
+    shifts = [measure_shift(some[first], some[second], region)
+              for first, second in pair_views(len(some), 1)]
     known = sorted(shift for shift in shifts if shift is not None)
     if not known:
         return Agreement()

@@ -53,7 +53,7 @@ class AlignedScan:
         fusion: of these views.
         views: cropped to the region, with corrected poses; a new list.
         agreement_m: median shift between successive views, m; 0 if not known.
-        agree: that is below a voxel, and no few of the views lie far from the others.
+        agree: that is below a voxel, and no view or group of views lies far from the others.
         left_out: errors of the views that contradict the others.
     """
 
@@ -91,7 +91,7 @@ def align_scan(fusion: DepthFusion, views: list[View], config: ReconstructorConf
     agreement = measure_agreement(kept, region)
     if agreement.median_m > apart or not agree_throughout(pairs, len(kept)):
         kept, region, pairs = _bring_together(kept, region, pairs, config,
-                                              max(agreement.median_m, apart))
+                                              agreement.median_m, apart)
     # Leave out what contradicts them still.
     still_off = check_agreement(kept, pairs, config.min_views)
     errors = tuple(ViewError("contradicts_others", f"{name} contradicts the views beside it; "
@@ -127,7 +127,7 @@ def _leave_out(views: list[View], off: list[int], region: Region, config: Recons
 
 
 def _bring_together(views: list[View], region: Region, pairs: list[ViewPair],
-                    config: ReconstructorConfig, apart_m: float
+                    config: ReconstructorConfig, apart_m: float, limit_m: float
                     ) -> tuple[list[View], Region, list[ViewPair]]:
     """Registers views, and finds the region again, which poses that are off blow up.
 
@@ -137,19 +137,23 @@ def _bring_together(views: list[View], region: Region, pairs: list[ViewPair],
         pairs: of the views as they are.
         config: a configured region stays as it is.
         apart_m: how far successive views seem apart, m.
+        limit_m: how far they may be apart.
 
     Returns:
         The views with corrected poses, the region around what they show standing, and their
         pairs; all as they were where more of the views contradict each other then, as where one
-        of several like things was set on the next.
+        of several like things was set on the next, or as many and they had not been apart, as
+        where something came into sight.
     """
     registered, around = views, region
     for levels in (REGISTRATION.coarse, REGISTRATION.fine):
-        registered = lift_to_support(register_views(registered, around, levels, apart_m), around)
+        registered = register_views(registered, around, levels, max(apart_m, limit_m))
+        registered = lift_to_support(registered, around)
         if not any(config.roi_size_m):
             around = find_region_again(registered, around)
     new_pairs = compare_views(registered, around)
-    if count_contradicting(new_pairs) > count_contradicting(pairs):
+    more = count_contradicting(new_pairs) - count_contradicting(pairs)
+    if more > 0 or (more == 0 and apart_m <= limit_m):
         return views, region, pairs
     return registered, around, new_pairs
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -30,16 +31,16 @@ class AgreementSettings:
         see_through_noise: the same in standard deviations of a depth point; chosen.
         edge_px: distance, pixels, up to which a nearer depth in the other view says that a point
             is there: beside the edge of a wall it sees past it; chosen.
-        standing_m: height above the support from which on points are compared, m: a thing that
-            has moved leaves the plane around it as it was; chosen.
-        max_contradicted: largest share of its points that the others may contradict of a view,
-            in the median over those others. On `bags/demo` it is 1% at most of any pair, and 40%
-            or more of those that a shift of 20 to 60 mm lies between.
+        standing_m: height above the support from which on points in the region stand, m: what has
+            moved leaves the plane around it as it was; chosen.
+        max_contradicted: largest share of its points that the others may contradict of a view, in
+            the median over those others. On `bags/demo` pairs of views have 1% at most, and 40% or
+            more where a shift of 20 to 60 mm lies between them.
         max_contradicted_of_good: largest share of any pair of views whose poses are good. It is 2%
             at most where these are off by 0.5 mm and 0.05 degrees, and 11 to 34% where they are
             off by 3 mm and 0.3 degrees, on 26 training scans.
-        max_split_pairs: largest number of pairs beyond that among the views that are kept. What
-            moves between two views lies between three or more pairs; chosen.
+        max_split_pairs: largest number of pairs above `max_contradicted` among the views that are
+            kept. What moves between two views lies between three or more pairs; chosen.
     """
 
     stride: int = 8
@@ -91,11 +92,11 @@ def compare_views(views: list[View], region: Region) -> list[ViewPair]:
         The pairs of views that share enough points.
     """
     clouds = [_world_cloud(view) for view in views]
-    nearest = [_nearest_beside(view) for view in views]
+    nearest = lru_cache(maxsize=8)(lambda i: _nearest_beside(views[i]))  # of neighbours alone
     limit = max(SETTINGS.see_through_m, SETTINGS.see_through_noise * region.noise)
     pairs = []
     for first, second in pair_views(len(views), SETTINGS.next_views):
-        behind = [_points_behind(clouds[a], views[b], nearest[b], region)
+        behind = [_points_behind(clouds[a], views[b], nearest(b), region)
                   for a, b in ((first, second), (second, first))]
         known = [points.distances for points in behind
                  if len(points.distances) >= SETTINGS.min_shared_points]
@@ -241,9 +242,8 @@ def check_agreement(views: list[View], pairs: list[ViewPair], min_views: int) ->
         raise ScanError(
             f"{len(split)} pairs of views disagree, {first} and {second} most: "
             f"{split[0].appeared:.0%} of what one shows is free space to the other; "
-            f"expected below {SETTINGS.max_contradicted:.0%}: let neither the container nor the "
-            "camera's mount move during a scan, and check the clocks of images and poses, and "
-            "the hand-eye calibration")
+            f"expected below {SETTINGS.max_contradicted:.0%}: let nothing move or come into sight "
+            "during a scan, and check the clocks of images and poses and the hand-eye calibration")
     return off
 
 
@@ -262,12 +262,12 @@ def _world_cloud(view: View) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _PointsBehind:
-    """How far another view sees behind k of a view's points, where it has depth.
+    """How far another view with depth sees behind k of a view's points.
 
     Attributes:
         distances: (k,) metres.
-        past_edges: (k,) metres that it sees behind them at least, edges beside them apart.
-        standing: (k,) bool, whether a point stands on the support.
+        past_edges: (k,) the least of these distances within some pixels of each, metres.
+        standing: (k,) bool, whether a point stands on the support in the region.
     """
 
     distances: np.ndarray
@@ -294,7 +294,9 @@ def _points_behind(points: np.ndarray, other: View, nearest: np.ndarray, region:
     pixels = geometry.project_into(other, points)
     measured = other.depth[pixels.rows, pixels.cols]
     known = measured > 0
-    above = points[pixels.inside][known, 2] - region.plane_z
+    held = points[pixels.inside][known]
+    above = held[:, 2] - region.plane_z
     return _PointsBehind((measured - pixels.depth)[known],
                          (nearest[pixels.rows, pixels.cols] - pixels.depth)[known],
-                         above > max(SETTINGS.standing_m, region.noise_height))
+                         region.contains(held)
+                         & (above > max(SETTINGS.standing_m, region.noise_height)))

@@ -247,7 +247,7 @@ class ViewAssembler:
         return (intrinsics is not None
                 and (not patient or self._calibrations.is_settled(head.stamp_ns))
                 and (not self._config.depth_topic or self._depths.is_settled(
-                    head.stamp_ns, self._frame_of(head), intrinsics, patient))
+                    head.stamp_ns, self._frame_of(head), intrinsics, patient, bool(head.frame)))
                 and (not self._config.labels_topic or self._labels.is_settled(head.stamp_ns))
                 and self._has_pose(head)
                 and (not self._robot or self._robot.is_ready(head.stamp_ns, self._transforms)))

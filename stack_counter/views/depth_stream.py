@@ -105,6 +105,7 @@ class DepthStream:
         self._tolerance_ns = round(config.sync_tolerance_s * 1e9)
         self._info_topic = depth_camera_info_topic(config)
         self._calibrations = Calibrations(self._tolerance_ns)
+        self._calibrated_frame = ""
         self.start()
 
     def start(self) -> None:
@@ -128,12 +129,14 @@ class DepthStream:
             self._config.depth_topic)
 
     def add_camera_info(self, message: Any) -> None:
-        """Takes the depth images' own `CameraInfo`."""
+        """Takes the depth images' own `CameraInfo`; its frame is that of images that name none."""
+        self._calibrated_frame = message.header.frame_id.lstrip("/")
         self._calibrations.add(decoding.stamp_ns(message.header.stamp),
                                decoding.intrinsics_of_camera_info(
                                    message, is_rectified(self._config.depth_topic)))
 
-    def is_settled(self, stamp_ns: int, frame: str, intrinsics: Intrinsics, patient: bool) -> bool:
+    def is_settled(self, stamp_ns: int, frame: str, intrinsics: Intrinsics, patient: bool,
+                   is_named: bool = True) -> bool:
         """Tells whether no message that may still come can change the depth of a colour image.
 
         Args:
@@ -141,13 +144,18 @@ class DepthStream:
             frame: of the colour image.
             intrinsics: of the colour image.
             patient: a depth calibration that is sent with this very image may still come.
+            is_named: the colour image itself names its frame; of a driver whose images do not,
+                the calibrations say whether depth is in that of colour.
         """
         if not self._images.is_settled(stamp_ns):
             return False
         try:
-            depth_frame, _ = self._images.nearest(stamp_ns)
+            named_frame, _ = self._images.nearest(stamp_ns)
         except ViewError:
             return True
+        if patient and self._info_topic and not (is_named or named_frame or self._calibrations):
+            return False
+        depth_frame = named_frame or self._calibrated_frame
         elsewhere = self._is_elsewhere(depth_frame, frame)
         # A calibration is waited for where it is needed, named, or known to be sent.
         wanted = elsewhere or self._is_info_named or bool(self._calibrations)
@@ -169,7 +177,8 @@ class DepthStream:
                 its size is not that of its calibration (`bad_depth`), or it is another camera's
                 whose calibration or place is unknown (`depth_not_aligned`).
         """
-        depth_frame, depth = self._images.nearest(view.stamp_ns)
+        named_frame, depth = self._images.nearest(view.stamp_ns)
+        depth_frame = named_frame or self._calibrated_frame
         elsewhere = self._is_elsewhere(depth_frame, view.camera)
         own = self._calibration_at(view.stamp_ns)
         if own is None and (elsewhere or self._is_info_named and not self._calibrations):

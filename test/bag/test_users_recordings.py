@@ -93,8 +93,12 @@ def test_a_folder_of_pictures_is_the_same_scan(tmp_path, keys, share):
 
 
 @pytest.mark.parametrize("camera", [SAME_SIZE, OTHER_SIZE], ids=["same size", "other size"])
-def test_depth_of_a_camera_of_its_own_is_that_of_the_colour_camera(tmp_path, camera):
-    path = write(tmp_path / "bag", own_depth_records(camera))
+@pytest.mark.parametrize("unnamed", [(), (COLOR, OWN_DEPTH)], ids=["", "images of no frame"])
+def test_depth_of_a_camera_of_its_own_is_that_of_the_colour_camera(tmp_path, camera, unnamed):
+    path = write(tmp_path / "bag", [
+        (stamp, topic, kind, replace(message, header=replace(message.header, frame_id=""))
+         if topic in unnamed else message)
+        for stamp, topic, kind, message in own_depth_records(camera)])
     views = [view for _, view in BagViews(path, replace(DEFAULT, depth_topic=OWN_DEPTH))]
     truth, _ = own_depth_scan(camera)
     assert len(views) == len(truth)
@@ -174,6 +178,9 @@ REFUSED = {
                            "set their frame_id"),
     "an empty calibration": (changed(INFO, k=np.zeros(9), p=np.zeros(12)), "fx 0.0, fy 0.0",
                              "expected finite numbers", "calibrate"),
+    "a calibration of P and distortion": (
+        changed(INFO, k=np.zeros(9), d=np.array([0.2, -0.1, 0, 0, 0])), "fx 0.0, fy 0.0",
+        "expected finite numbers", "calibrate"),
     "a lens of no model": (changed(INFO, distortion_model="fov", d=np.array([0.9])),
                            r"distortion model 'fov' with coefficients \[0.9\]",
                            "expected one of", "calibrate"),

@@ -66,6 +66,9 @@ def depth_to_metres(message: Any, scale: float = 0.0) -> np.ndarray:
         raise ViewError("bad_encoding", f"depth in '{message.encoding}'; expected 16UC1 (mm) or "
                                         "32FC1 (m): set depth_topic, or the driver's format")
     is_float = np.issubdtype(image.dtype, np.floating)
+    if is_float:
+        with np.errstate(over="ignore"):  # of double precision: beyond single is invalid
+            image = image.astype(np.float32)
     image = np.where(np.isfinite(image) & (image > 0), image, 0)
     if not image.any():
         raise ViewError("empty_depth", f"{image.size} depth pixels, all invalid; expected some: "
@@ -80,7 +83,7 @@ def _in_byte_order(image: np.ndarray, message: Any) -> np.ndarray:
 
     In the right order neighbours differ little; in the other their lower bytes lead.
     """
-    if image.dtype != np.uint16 or not message.is_bigendian:
+    if image.dtype.itemsize != 2 or not message.is_bigendian:
         return image
     swapped = image.byteswap()
     rough, rough_swapped = (float(np.abs(np.diff(i.astype(np.int32))).mean())

@@ -27,12 +27,12 @@ def intrinsics_of_camera_info(message: Any, rectified: bool = False) -> Intrinsi
         rectified: the images are, so that its P holds, without distortion; of a driver that
             leaves P empty, K and distortion. Where nothing distorts there is nothing to
             rectify, and K holds whatever P says, as image_proc passes such images on. P also
-            holds where a driver of rectified images fills in nothing else.
+            holds where a driver fills in nothing else, neither K nor distortion.
     """
     k = [float(x) for x in (message.k if hasattr(message, "k") else message.K)]
     d = message.d if hasattr(message, "d") else message.D
     model = str(message.distortion_model)
-    if (rectified and any(d) or not any(k)) and (p := np.reshape(
+    if (rectified if any(d) else not any(k)) and (p := np.reshape(
             message.p if hasattr(message, "p") else message.P, (3, 4)).astype(float))[0, 0] > 0:
         k, d, model = p[:, :3].ravel().tolist(), (), ""
     width, height = int(message.width), int(message.height)

@@ -26,6 +26,18 @@ def test_bytes_are_in_the_order_that_is_said_or_that_they_are_in(stored, says_bi
     assert np.array_equal(depth_to_metres(message), right * np.float32(0.001))
 
 
+def test_signed_depth_is_in_the_order_that_it_is_in_too():
+    smooth = (500 + 3 * np.add.outer(np.arange(40), np.arange(50))).astype(np.int16)
+    message = kit.image(smooth, "16SC1")
+    message.is_bigendian = 1
+    assert np.array_equal(depth_to_metres(message), smooth * np.float32(0.001))
+
+
+def test_double_precision_beyond_single_is_invalid():
+    message = kit.image(np.array([[0.5, np.finfo(float).max, -1.0, np.nan]]), "64FC1")
+    assert depth_to_metres(message).tolist() == [[0.5, 0, 0, 0]]
+
+
 def refused(message, **settings):
     with pytest.raises(ViewError) as caught:
         depth_to_metres(message, **settings)
