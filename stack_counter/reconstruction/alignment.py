@@ -17,14 +17,13 @@ from stack_counter.fusion.registration import SETTINGS as REGISTRATION
 from stack_counter.fusion.registration import register_views
 from stack_counter.fusion.view_shift import measure_agreement
 from stack_counter.reconstruction.view_agreement import (
-    ViewPair,
     agree_throughout,
     check_agreement,
-    compare_views,
     count_contradicting,
     name_view,
     views_to_leave_out_first,
 )
+from stack_counter.reconstruction.view_pairs import ViewPair, compare_views
 from stack_counter.types import View
 
 

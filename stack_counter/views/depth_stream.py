@@ -136,7 +136,7 @@ class DepthStream:
                                    message, is_rectified(self._config.depth_topic)))
 
     def is_settled(self, stamp_ns: int, frame: str, intrinsics: Intrinsics, patient: bool,
-                   is_named: bool = True) -> bool:
+                   is_named: bool) -> bool:
         """Tells whether no message that may still come can change the depth of a colour image.
 
         Args:

@@ -14,13 +14,12 @@ from stack_counter.fusion.region import Region
 from stack_counter.fusion.registration import pair_views
 from stack_counter.pipeline import StackCounter
 from stack_counter.reconstruction.view_agreement import (
-    ViewPair,
     check_agreement,
-    compare_views,
     contradicting_views,
     split_pairs,
     views_to_leave_out_first,
 )
+from stack_counter.reconstruction.view_pairs import ViewPair, compare_views
 from stack_counter.types import Reason
 
 INNER, FILL = (0.3, 0.2, 0.12), 0.07
